@@ -20,8 +20,8 @@ NAMED_NATS = log(FALSE_ALARM_H * 3600 * 30)
 """18.5: log likelihood ratio of a FAULT. By Ville's inequality a true likelihood ratio passes it once in so many
 pictures; the sup over sizes costs a few nats of that and a look at each tenth picture gives two back."""
 WITHDRAWN_NATS = 10.0
-"""The same of a sign, which withdraws the OK and names nothing: once in hours of motion at the limit itself. Less opens
-the contact for nothing, more keeps it closed for longer over what will be named."""
+"""The same of a contradiction, which withdraws the OK and names nothing: once in hours of motion at the limit itself.
+Less opens the contact for nothing, more keeps it closed for longer over what will be named."""
 MOST_NAMED_NATS = 2 * NAMED_NATS
 """37.0: to which healthy scanning may raise it. From there a change takes twice as long to be named, and scanning that
 comes near it is not what the model of the noise describes, so that no threshold keeps a promise."""
@@ -55,8 +55,8 @@ class RequiredAges(BaseModel):
     as that; 0: the contact does not ask for it.
 
     All ten are asked for by default: each can be spoiled by a wrong or bent marker body, a depth setting or a cable. A
-    sign against a parameter that is not asked for opens the contact all the same. A longer age closes the contact for
-    longer on what motion showed once; a shorter one asks for that motion more often.
+    contradiction of a parameter that is not asked for opens the contact all the same. A longer age closes the contact
+    for longer on what motion showed once; a shorter one asks for that motion more often.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False, alias_generator=check_name)

@@ -29,7 +29,7 @@ from appliance.core.quality.judgement import Judgement, bounded, judge
 from appliance.core.quality.point_error import Bounds
 from appliance.core.quality.proposal import propose
 from appliance.core.quality.report import LineReport
-from appliance.core.quality.verification import Standing
+from appliance.core.quality.verification import VerificationStatus
 from appliance.core.registration.averaging import FrameAveraging
 from appliance.core.registration.pyramid import Bits
 from appliance.core.registration.realtime_tracker import RealTimeTracker, Tracked
@@ -181,7 +181,7 @@ class Line:
         """At (n, 3) places in the axes of the picture, mm from its middle: what the error of a point of the verdict at
         t_ns, the last one, is the worst and the median of.
         """
-        return self._evidence.points.at(t_ns, self._standing, at_mm)
+        return self._evidence.points.at(t_ns, self._status, at_mm)
 
     def report(self) -> LineReport:
         """What the whole session showed; frames still waiting for a pose stay unpaired."""
@@ -250,8 +250,8 @@ class Line:
         self._note_gap(t_ns)
         if refusal := refused_picture(item.frame.image):
             self._lose_sight(t_ns)
-            standing = self._standing
-            shown_ns = standing.verified_ns, standing.expires_ns
+            status = self._status
+            shown_ns = status.verified_ns, status.expires_ns
             return self._told(Verdict(t_ns, VerdictKind.NOT_VERIFIED, self._detected(), None, refusal, *shown_ns))
         height, width = item.frame.image.shape
         if (width, height) != self._reference.image_size_px:
@@ -283,7 +283,7 @@ class Line:
             for check in self._detected()
         )
         linked = self._picture_chain.linked or self._frozen.repeats
-        if self._evidence.standing.verified_ns is not None:
+        if self._evidence.status.verified_ns is not None:
             self._broke = not linked
         if (blind and self._sighted_ns is not None) or (not linked and self._sighted_ns is None):
             self._unverify()
@@ -309,17 +309,17 @@ class Line:
         )
 
     @property
-    def _standing(self) -> Standing:
-        """Standing of the evidence; nothing is verified while motion can show no scale."""
-        standing = self._evidence.standing
-        return standing if self._averaging.known else replace(standing, verified_ns=None, expires_ns=None)
+    def _status(self) -> VerificationStatus:
+        """Verification status; nothing is verified while motion can show no scale."""
+        status = self._evidence.status
+        return status if self._averaging.known else replace(status, verified_ns=None, expires_ns=None)
 
     def _judged(self, t_ns: int, checks: tuple[Check, ...]) -> Verdict:
-        return self._told(judge(t_ns, checks, self._standing, self._broke))
+        return self._told(judge(t_ns, checks, self._status, self._broke))
 
     def _told(self, verdict: Verdict) -> Verdict:
         """With the error of a point as of now."""
-        point = self._evidence.points.now(verdict.t_ns, self._standing)
+        point = self._evidence.points.now(verdict.t_ns, self._status)
         verdict = bounded(verdict, point, self._limits.point_mm)
         self._judgement.note(verdict)
         return verdict

@@ -2,7 +2,7 @@
 
 One defence is taken away at a time, where its hole was; what holds the contact open elsewhere, such as the hazard of
 pictures without tissue, stays. Hole 4 takes two: today a reference as wrong as it was is named before anything is
-verified, and a sign against it withdraws the OK before it is named; each of them alone keeps the contact open.
+verified, and a contradiction withdraws the OK before it is named; each of them alone keeps the contact open.
 """
 
 from collections.abc import Callable
@@ -19,7 +19,7 @@ from appliance.core.path.window import PathWindow
 from appliance.core.quality.evidence import Evidence
 from appliance.core.quality.examination import Finding
 from appliance.core.quality.rest import Rest
-from appliance.core.quality.verification import Sign, Verification
+from appliance.core.quality.verification import Contradiction, Verification
 from appliance.core.spread_work import Work
 from appliance.limits import RequiredAges
 from appliance.types import Check, StampedPair, Verdict, VerdictKind
@@ -105,7 +105,7 @@ def never_named(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def sign_ignored(monkeypatch: pytest.MonkeyPatch) -> None:
     """A check beyond its limit by its own sigmas withdraws nothing."""
-    monkeypatch.setattr(Verification, "_sign", lambda self, check, named, until_ns: None)
+    monkeypatch.setattr(Verification, "_add", lambda self, check, named, until_ns: None)
 
 
 def verify_elsewhere() -> None:
@@ -132,7 +132,7 @@ def test_hole_4_either_defence_alone_keeps_the_contact_open(
 
 @pytest.mark.slow
 def test_hole_5_any_measurement_answers_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:
-    def at_once(self: Verification, check: Check, sign: Sign, since_ns: int) -> bool:
+    def at_once(self: Verification, check: Check, contradiction: Contradiction, since_ns: int) -> bool:
         return check.verdict is not VerdictKind.FAULT
 
     monkeypatch.setattr(Verification, "_answered", at_once)

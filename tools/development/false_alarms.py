@@ -127,10 +127,10 @@ class _Played:
         block = int(t_s // BLOCK_S)
         self._peaks[block] = max(self._peaks[block], evidence.nats or 0.0)
         self._bent[block] = max(self._bent[block], evidence.distortion.nats or 0.0)
-        verdict = judge(now_ns, evidence.checks(), evidence.standing)
+        verdict = judge(now_ns, evidence.checks(), evidence.status)
         self._ok_ns += since_ns * (verdict.kind is VerdictKind.OK)
         signed, fault, kind = self._told
-        now = bool(evidence.standing.contradicted), verdict.fault, verdict.kind
+        now = bool(evidence.status.contradictions), verdict.fault, verdict.kind
         if now[0] and not signed:
             counts["signs"] += 1
             counts["withdrawn"] += kind is VerdictKind.OK

@@ -16,7 +16,7 @@ from appliance.core.quality.point_watch import PointWatch
 from appliance.core.quality.rest import Rest
 from appliance.core.quality.sequential_test import WINDOW_NS, Accusation, accuse
 from appliance.core.quality.undecided import Choice, undecided
-from appliance.core.quality.verification import Standing, Verification
+from appliance.core.quality.verification import Verification, VerificationStatus
 from appliance.core.spread_work import Work
 from appliance.core.times import CHANGE_WINDOW_NS, PRESENT_NS, SELDOM_NS, SWEEP_WINDOW_NS
 from appliance.limits import NAMED_NATS, Limits
@@ -157,12 +157,14 @@ class Evidence:
         return self._limits.required_age_s.names
 
     @property
-    def standing(self) -> Standing:
+    def status(self) -> VerificationStatus:
         """What was shown of the calibration so far, and what speaks against it."""
-        sign, standing = self.distortion.sign, self._verification.standing
-        if sign is None:
-            return standing
-        return Standing(standing.required, contradicted=(*standing.contradicted, sign), rivals=standing.rivals)
+        contradiction, status = self.distortion.contradiction, self._verification.status
+        if contradiction is None:
+            return status
+        return VerificationStatus(
+            status.required, contradictions=(*status.contradictions, contradiction), rivals=status.rivals
+        )
 
     def shows(self, fault: Fault) -> bool:
         """True where the latest solution verified every parameter of that class."""
@@ -249,7 +251,7 @@ class Evidence:
     def _solving(self, window: PathWindow, now_ns: int) -> Work[None]:
         """Examine the short window for a change, drop what came before one, and examine what is left. All of it is of
         the motion of then, so that nothing becomes younger by being ready late; whoever forgets any of it, or takes a
-        sign from elsewhere, drops the rest.
+        contradiction from elsewhere, drops the rest.
 
         window: what was remembered at now_ns.
         """
@@ -269,7 +271,7 @@ class Evidence:
         accusation = None if self._latest.failed else accusation
         unnamed = None if accusation is None else undecided(accusation, excused, self._limits.named_nats)
         self._choice.note(unnamed, now_ns)
-        self.points.note(self._latest, now_ns, self.standing, window.stamps_err_s)
+        self.points.note(self._latest, now_ns, self.status, window.stamps_err_s)
 
     def glance(self) -> None:
         """Look for a flip that needs no solution: at every picture of the first motion, while the polarity is open."""
@@ -292,7 +294,8 @@ class Evidence:
         return own.verdict is not VerdictKind.NOT_VERIFIED
 
     def _accused(self, finding: Finding, whole: PathWindow, now_ns: int) -> Work[Accusation | None]:
-        """What the sequential test says; each sign withdraws the OK, and what was before the change is dropped.
+        """What the sequential test says; each contradiction withdraws the OK, and what was before the change is
+        dropped.
 
         finding: of the short window, whose noise serves until some was learned from before it.
         """
@@ -349,11 +352,11 @@ class Evidence:
         self._contradict((*_quick(short), *finding.checks), finding.failed - doubtful, whole)
         if finding.solution is not None:
             self._examiner.noises.see_breathing(long.span_ns)
-        last_sign_ns = self._verification.last_sign_ns
+        last_contradiction_ns = self._verification.last_contradiction_ns
         self._latest = yield from self._accepted(without(finding, doubtful), long, whole, now_ns)
-        if not self._verification.contradicted:
-            # An answered sign must not come back with the motion that it was of.
-            self._valid_ns = max(self._valid_ns, last_sign_ns)
+        if not self._verification.contradictions:
+            # An answered contradiction must not come back with the motion that it was of.
+            self._valid_ns = max(self._valid_ns, last_contradiction_ns)
         if self._latest.shown >= self._best.shown:
             self._best = self._latest
 
@@ -377,8 +380,8 @@ class Evidence:
     ) -> Work[tuple[PathWindow, Finding]]:
         """The shortest window that decides, and what it shows: younger motion keeps the contact closed for longer.
 
-        finding: of the recent window, where there is nothing before it. While a sign stands, the longest is left out:
-        it would hold what made the sign for three times as long.
+        finding: of the recent window, where there is nothing before it. While a contradiction stands, the longest is
+        left out: it would hold what made the contradiction for three times as long.
         """
         window = recent
         for span_ns in (PRESENT_NS,) if self._doubted else (PRESENT_NS, SWEEP_WINDOW_NS):
@@ -399,16 +402,20 @@ class Evidence:
 
     @property
     def _doubted(self) -> bool:
-        """Whether a sign stands, but for one that may be a breath: only a long window can answer that."""
-        signs = self._verification.contradicted
-        return any(sign.named or sign.check.name not in BREATHED for sign in signs)
+        """Whether a contradiction stands, but for one that may be a breath: only a long window can answer that."""
+        contradictions = self._verification.contradictions
+        return any(contradiction.named or contradiction.check.name not in BREATHED for contradiction in contradictions)
 
     def _contradict(self, checks: tuple[Check, ...], named: frozenset[str], whole: PathWindow) -> None:
-        """Take the signs among the checks. One that may be a breath, of a parameter that was not shown since the window
-        began, bars no motion: that motion may show that it was a breath.
+        """Take the contradictions among the checks. One that may be a breath, of a parameter that was not shown since
+        the window began, bars no motion: that motion may show that it was a breath.
         """
         before_ns = whole.start_ns - 1
-        barred = {sign.check.name for sign in self._verification.contradicted if sign.until_ns > before_ns}
+        barred = {
+            contradiction.check.name
+            for contradiction in self._verification.contradictions
+            if contradiction.until_ns > before_ns
+        }
         known = self._examiner.noises.breathing_known
         moot = frozenset[str]() if known else BREATHED - self._verification.shown - named - barred
         for until_ns, barring in ((before_ns, False), (whole.now_ns, True)):
@@ -416,12 +423,12 @@ class Evidence:
             self._verification.contradict(own, named, until_ns)
 
     def _accepted(self, finding: Finding, window: PathWindow, whole: PathWindow, now_ns: int) -> Work[Finding]:
-        """What the finding shows, or where its window reaches back to the last sign of a fault, what motion after the
-        sign shows.
+        """What the finding shows, or where its window reaches back to the last contradiction of a fault, what motion
+        after the contradiction shows.
         """
-        last_sign_ns = self._verification.last_sign_ns
-        if window.start_ns <= last_sign_ns and not finding.failed:
-            window = window.since(last_sign_ns + 1)
+        last_contradiction_ns = self._verification.last_contradiction_ns
+        if window.start_ns <= last_contradiction_ns and not finding.failed:
+            window = window.since(last_contradiction_ns + 1)
             finding = yield from self._examiner.examined(window, self._examiner.noises.for_window(window, now_ns))
             self._contradict(finding.checks, frozenset(), whole)
             finding = without(finding, finding.failed)

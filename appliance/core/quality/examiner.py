@@ -63,7 +63,7 @@ class Examiner:
         self._drifted = None
 
     def examined(self, window: PathWindow, start: Noise | None) -> Work[Finding]:
-        """What the window shows; while breathing is not known, a wrong axial scale is a sign and not named."""
+        """What the window shows; while breathing is not known, a wrong axial scale is a contradiction and not named."""
         finding = yield from examining(window, self._reference, self._limits, start, self.about_s)
         finding = finding if self.noises.breathing_known else without(finding, BREATHED & finding.failed)
         return self._with_drift(finding, window)

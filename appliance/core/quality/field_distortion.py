@@ -11,7 +11,7 @@ from scipy.linalg import block_diag
 
 from appliance.core.quality.bounded_fit import ANYTHING, Fit, anywhere, exact, fitted, spread
 from appliance.core.quality.innovations import Innovations
-from appliance.core.quality.verification import Sign
+from appliance.core.quality.verification import Contradiction
 from appliance.core.spread_work import TRIAL, Work
 from appliance.core.times import HELD_NS, SELDOM_NS
 from appliance.limits import WITHDRAWN_NATS
@@ -109,10 +109,10 @@ class FieldDistortion:
         self._asked_ns: int | None = None
 
     @property
-    def sign(self) -> Sign | None:
+    def contradiction(self) -> Contradiction | None:
         """As of a parameter, while it stands."""
         check = self.check
-        return None if check is None else Sign(check, self.until_ns, check.verdict is VerdictKind.FAULT)
+        return None if check is None else Contradiction(check, self.until_ns, check.verdict is VerdictKind.FAULT)
 
     def due(self, now_ns: int) -> bool:
         """Whether `distortion_nats` is to be asked for by the solution at now_ns."""
@@ -120,7 +120,7 @@ class FieldDistortion:
         return not lately or (self.nats or 0.0) >= _WORTH_NATS
 
     def lose_sight(self) -> None:
-        """What was seen stands, as the signs of parameters do."""
+        """What was seen stands, as the contradictions of parameters do."""
         self._since_ns = self._asked_ns = self.nats = None
 
     def forget(self, since_ns: int) -> None:

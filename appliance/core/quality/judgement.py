@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from appliance.core.quality.check_fields import up_to
 from appliance.core.quality.gesture import gestures
-from appliance.core.quality.verification import Sign, Standing
+from appliance.core.quality.verification import Contradiction, VerificationStatus
 from appliance.types import PARAMETERS, Check, Fault, Kind, PointError, Rival, Verdict, VerdictKind
 
 _ESTIMATED = frozenset({"polarity", "latency", *PARAMETERS})
@@ -15,8 +15,8 @@ _NEAR = 0.8
 before it fails, high enough that the noise of a good calibration, a fifth of the limits or so, is not.
 """
 _LASTING_NS = 1_000_000_000
-"""For which a fault must last to name a whole recording. Less lets a passing sign name it, more hides short faults. The
-alarm of a cart does not wait for it.
+"""For which a fault must last to name a whole recording. Less lets a passing contradiction name it, more hides short
+faults. The alarm of a cart does not wait for it.
 """
 _FIRST = (
     Fault.FROZEN_VIDEO,
@@ -36,16 +36,16 @@ BROKE = "the picture does not continue the one that was verified"
 _NOT_YET = "not shown yet"
 
 
-def judge(t_ns: int, checks: tuple[Check, ...], standing: Standing, broke: bool = False) -> Verdict:
+def judge(t_ns: int, checks: tuple[Check, ...], status: VerificationStatus, broke: bool = False) -> Verdict:
     """FAULT if any check failed; OK if every required one is shown, none is contradicted, and none of kind SIGHT says
     that the others speak of no tissue; NOT_VERIFIED otherwise.
 
-    standing: of the `Evidence`. broke: the picture does not continue the one that was verified.
+    status: of the `Evidence`. broke: the picture does not continue the one that was verified.
     """
     failed = [check for check in checks if check.verdict is VerdictKind.FAULT]
     if failed:
         worst = _worst_of_each(failed)
-        rivals = standing.rivals if Fault.UNDECIDED in worst else ()
+        rivals = status.rivals if Fault.UNDECIDED in worst else ()
         reason = "; ".join(
             _undecided(rivals) if fault is Fault.UNDECIDED else _sentence(worst[fault]) for fault in worst
         )
@@ -53,15 +53,15 @@ def judge(t_ns: int, checks: tuple[Check, ...], standing: Standing, broke: bool 
     unseen = next((one for one in checks if one.fault.kind is Kind.SIGHT and one.verdict is not VerdictKind.OK), None)
     if unseen is not None:
         return Verdict(t_ns, VerdictKind.NOT_VERIFIED, checks, None, f"nothing to compare: {unseen.name}")
-    if standing.contradicted:
-        rivals = standing.rivals
-        reason = _undecided(rivals) if rivals else _contradiction(standing.contradicted[0])
+    if status.contradictions:
+        rivals = status.rivals
+        reason = _undecided(rivals) if rivals else _contradiction(status.contradictions[0])
         return Verdict(t_ns, VerdictKind.NOT_VERIFIED, checks, None, reason, rivals=rivals)
-    missing = [name for name in standing.required if name not in _shown(checks)]
+    missing = [name for name in status.required if name not in _shown(checks)]
     kind = VerdictKind.NOT_VERIFIED if missing else VerdictKind.OK
     verified = "; ".join(["calibration verified", *_doubts(checks)])
     reason = _unverified(checks, f"{BROKE}; {_NOT_YET}" if broke else _NOT_YET, missing) if missing else verified
-    return Verdict(t_ns, kind, checks, None, reason, standing.verified_ns, standing.expires_ns)
+    return Verdict(t_ns, kind, checks, None, reason, status.verified_ns, status.expires_ns)
 
 
 def bounded(verdict: Verdict, point: PointError | None, limit_mm: float | None) -> Verdict:
@@ -177,9 +177,9 @@ def _worst_of_each(failed: list[Check]) -> dict[Fault, Check]:
     return of_each
 
 
-def _contradiction(sign: Sign) -> str:
-    check = sign.check
-    wait = "must be shown again by new motion" if sign.named else "waiting for it to be confirmed"
+def _contradiction(contradiction: Contradiction) -> str:
+    check = contradiction.check
+    wait = "must be shown again by new motion" if contradiction.named else "waiting for it to be confirmed"
     return f"{_sentence(check)}: {wait}"
 
 

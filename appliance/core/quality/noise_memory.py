@@ -14,11 +14,11 @@ seconds after the start (`probewatch study`, in-plane, breathing, seed 1). Begun
 3.5 to 10 s of breathing did.
 """
 _BREATHING_KNOWN_NS = PRESENT_NS - 500_000_000
-"""Until noise was learned from as much, an axial scale that is wrong may be a breath: it withdraws the OK, as any sign,
-and no window names it, only the sequential test, which reckons with breathing. A window of 8 s named −13 % in a gesture
-over breathing tissue (pressed once in 2 s, seed 20 of 20). A depth setting changes the lateral scale as well, which is
-named as before. Longer names an axial scale alone later, and from `PRESENT_NS` on never: no window under a sign is
-longer (`evidence`).
+"""Until noise was learned from as much, an axial scale that is wrong may be a breath: it withdraws the OK, as any
+contradiction, and no window names it, only the sequential test, which reckons with breathing. A window of 8 s named
+−13 % in a gesture over breathing tissue (pressed once in 2 s, seed 20 of 20). A depth setting changes the lateral scale
+as well, which is named as before. Longer names an axial scale alone later, and from `PRESENT_NS` on never: no window
+under a contradiction is longer (`evidence`).
 """
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from appliance.core.parameters import LEFT_OUT, MEASURED
 from appliance.core.quality.examination import Finding
 from appliance.core.quality.point_error import Bounds, Change, Places, bounds_at, change_of, slope_of_places
-from appliance.core.quality.verification import Standing
+from appliance.core.quality.verification import VerificationStatus
 from appliance.limits import GESTURE_AGE_S, Limits
 from appliance.types import PARAMETERS, Calibration, Check, Fault, PointError
 from drivers.rigid import Array, inverse, rigid
@@ -76,7 +76,7 @@ class _Shown:
 
 class PointWatch:
     """What a window showed says less and less of now. That of a whole gesture is kept while it still says more than
-    later ones, and while these do not show everything, for as long as the offsets count. A sign against the
+    later ones, and while these do not show everything, for as long as the offsets count. A contradiction of the
     calibration, or later motion that shows something else, ends it.
     """
 
@@ -91,12 +91,12 @@ class PointWatch:
         """Nothing is shown any more."""
         self._kept = self._latest = None
 
-    def note(self, finding: Finding, now_ns: int, standing: Standing, stamps_err_s: float) -> None:
+    def note(self, finding: Finding, now_ns: int, status: VerificationStatus, stamps_err_s: float) -> None:
         """What the solution of now_ns shows."""
         self._latest = change_of(finding, stamps_err_s)
         kept, everything = self._kept, self._latest is not None and finding.shows(_ALL)
         sigmas = _ELSE_SHOWN if everything else _ELSE
-        if kept is not None and (standing.contradicted or _differs(finding.checks, kept.checks, sigmas)):
+        if kept is not None and (status.contradictions or _differs(finding.checks, kept.checks, sigmas)):
             kept = None
         if self._latest is not None and everything and self._says_more(self._latest, kept, now_ns):
             kept = _Shown(self._latest, finding.checks)
@@ -112,26 +112,26 @@ class PointWatch:
         centred = replace(_by(change, now_ns), mean=np.zeros_like(change.mean))
         return self._places.error(centred, np.zeros((3, 4))).worst_mm[-1]
 
-    def now(self, t_ns: int, standing: Standing) -> PointError | None:
+    def now(self, t_ns: int, status: VerificationStatus) -> PointError | None:
         """At a picture. None while it is not known: something was not observed, something speaks against the
         calibration, or nobody knows how the hand moves.
         """
-        known = self._known(t_ns, standing)
+        known = self._known(t_ns, status)
         return None if known is None else self._places.error(*known)
 
-    def at(self, t_ns: int, standing: Standing, at_mm: Array) -> Bounds | None:
+    def at(self, t_ns: int, status: VerificationStatus, at_mm: Array) -> Bounds | None:
         """The same at these places, as of `bounds_at`."""
-        known = self._known(t_ns, standing)
+        known = self._known(t_ns, status)
         return None if known is None else bounds_at(at_mm, slope_of_places(at_mm, self._reference), *known)
 
-    def _known(self, t_ns: int, standing: Standing) -> tuple[Change, Array] | None:
-        change, pace = self._change(t_ns, standing), self.pace.at(t_ns)
-        if change is None or pace is None or standing.contradicted:
+    def _known(self, t_ns: int, status: VerificationStatus) -> tuple[Change, Array] | None:
+        change, pace = self._change(t_ns, status), self.pace.at(t_ns)
+        if change is None or pace is None or status.contradictions:
             return None
         return _by(change, t_ns), pace
 
-    def _change(self, t_ns: int, standing: Standing) -> Change | None:
-        if self._kept is None or standing.verified_ns is None:
+    def _change(self, t_ns: int, status: VerificationStatus) -> Change | None:
+        if self._kept is None or status.verified_ns is None:
             return self._latest
         return self._kept.change if t_ns - self._kept.change.shown_ns <= GESTURE_AGE_S * 1e9 else self._latest
 

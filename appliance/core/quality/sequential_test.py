@@ -66,9 +66,9 @@ class Accusation:
     limits, below _WORTH_NATS to first order. checks: none below WITHDRAWN_NATS, which accuses of nothing; FAULTs of
     the parameters that are surely beyond, where one class explains it; else the parameter that is farthest beyond,
     NOT_VERIFIED, of each class that is as likely, the likeliest first. rivals: those classes, where there are two or
-    more and the likeliest explains it. A scale along an axis on which the probe has covered too little is a sign,
-    and neither named nor a rival: skin drags along with the probe. bent_nats: as `distortion_nats` of all that was
-    tested; None where it was not asked for as well.
+    more and the likeliest explains it. A scale along an axis on which the probe has covered too little is a
+    contradiction, and neither named nor a rival: skin drags along with the probe. bent_nats: as `distortion_nats` of
+    all that was tested; None where it was not asked for as well.
     """
 
     since_ns: int

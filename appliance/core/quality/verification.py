@@ -1,7 +1,7 @@
 """What motion has shown of each parameter, until something contradicts it.
 
-An OK is withdrawn by the first sign against it; only naming the fault waits for more. It comes back from motion that
-lies wholly after the last sign, so that what is left of the fault in the window cannot be averaged away.
+An OK is withdrawn by the first contradiction; only naming the fault waits for more. It comes back from motion that
+lies wholly after the last contradiction, so that what is left of the fault in the window cannot be averaged away.
 """
 
 from collections.abc import Iterable
@@ -17,12 +17,12 @@ _ROOM = 0.8
 limit and wavers about it; less never gives one back to a good calibration with the sigma of an ordinary sweep, which
 is .05 to .1 of the limit (tests/appliance/core/quality/test_verification.py)."""
 _AS_SHARP = 1.5
-"""Ratio of sigmas up to which a later measurement answers an unconfirmed sign. Windows of equal length differ by this
-much with the motion in them; a blunter one says nothing about what the sharper one saw."""
+"""Ratio of sigmas up to which a later measurement answers an unconfirmed contradiction. Windows of equal length differ
+by this much with the motion in them; a blunter one says nothing about what the sharper one saw."""
 
 
 @dataclass(frozen=True, slots=True)
-class Sign:
+class Contradiction:
     """A measurement beyond its limit by its own sigmas. until_ns: newest motion in it. named: told as a FAULT."""
 
     check: Check
@@ -31,23 +31,23 @@ class Sign:
 
 
 @dataclass(frozen=True, slots=True)
-class Standing:
-    """Where a calibration stands with all that was shown of it.
+class VerificationStatus:
+    """How far a calibration is verified by all that was shown of it.
 
-    required: names of the checks that the contact asks for. verified_ns, expires_ns: as in `Verdict`. contradicted:
-    signs that nothing has answered yet, the worst first. rivals: as in `Verdict`, of signs that stand.
+    required: names of the checks that the contact asks for. verified_ns, expires_ns: as in `Verdict`. contradictions:
+    those that nothing has answered yet, the worst first. rivals: as in `Verdict`, of those that stand.
     """
 
     required: tuple[str, ...]
     verified_ns: int | None = None
     expires_ns: int | None = None
-    contradicted: tuple[Sign, ...] = ()
+    contradictions: tuple[Contradiction, ...] = ()
     rivals: tuple[Rival, ...] = ()
 
 
 class Verification:
-    """Keeps, for each parameter, when motion last showed it and the last sign against it. rest: for how long the probe
-    rested since then, which extends the ages.
+    """Keeps, for each parameter, when motion last showed it and the last contradiction of it. rest: for how long the
+    probe rested since then, which extends the ages.
     """
 
     def __init__(self, limits: Limits, rest: Rest) -> None:
@@ -55,24 +55,27 @@ class Verification:
         self._confidence_sigma = limits.confidence_sigma
         self._ages_s = limits.required_age_s.ages_s
         self._shown_ns: dict[str, int] = {}
-        self._signs: dict[str, Sign] = {}
+        self._contradictions: dict[str, Contradiction] = {}
         self._rivals: tuple[Rival, ...] = ()
 
     def restart(self) -> None:
-        """The geometry has changed: nothing is shown any more. Signs stand until new motion answers them."""
+        """The geometry has changed: nothing is shown any more. Contradictions stand until new motion answers them."""
         self._shown_ns.clear()
 
     def forget(self, since_ns: int) -> None:
-        """Motion at or after since_ns was stamped wrongly: it shows nothing, and a sign of it is one of just before."""
+        """Motion at or after since_ns was stamped wrongly: it shows nothing, and a contradiction of it is one of just
+        before.
+        """
         self._shown_ns = {name: t_ns for name, t_ns in self._shown_ns.items() if t_ns < since_ns}
-        self._signs = {
-            name: replace(sign, until_ns=min(sign.until_ns, since_ns - 1)) for name, sign in self._signs.items()
+        self._contradictions = {
+            name: replace(contradiction, until_ns=min(contradiction.until_ns, since_ns - 1))
+            for name, contradiction in self._contradictions.items()
         }
 
     @property
-    def contradicted(self) -> tuple[Sign, ...]:
-        """Signs that nothing has answered yet, the worst first."""
-        return tuple(sorted(self._signs.values(), key=lambda sign: -sign.check.ratio))
+    def contradictions(self) -> tuple[Contradiction, ...]:
+        """Those that nothing has answered yet, the worst first."""
+        return tuple(sorted(self._contradictions.values(), key=lambda contradiction: -contradiction.check.ratio))
 
     @property
     def shown(self) -> frozenset[str]:
@@ -88,39 +91,41 @@ class Verification:
 
     @property
     def rivals(self) -> tuple[Rival, ...]:
-        """Those that were accused last, as long as a sign stands against each and none is named."""
-        unnamed = {name for name, sign in self._signs.items() if not sign.named}
+        """Those that were accused last, as long as a contradiction of each stands and none is named."""
+        unnamed = {name for name, contradiction in self._contradictions.items() if not contradiction.named}
         return self._rivals if unnamed.issuperset(rival.check.name for rival in self._rivals) else ()
 
     @property
-    def last_sign_ns(self) -> int:
-        """Newest motion of any sign that stands; 0 where there is none."""
-        return max((sign.until_ns for sign in self._signs.values()), default=0)
+    def last_contradiction_ns(self) -> int:
+        """Newest motion of any contradiction that stands; 0 where there is none."""
+        return max((contradiction.until_ns for contradiction in self._contradictions.values()), default=0)
 
     @property
-    def standing(self) -> Standing:
+    def status(self) -> VerificationStatus:
         """As of now: verified where each required parameter was shown, and none, required or not, is contradicted."""
         required = tuple(self._ages_s)
-        if self._signs or not self._shown_ns.keys() >= self._ages_s.keys():
-            return Standing(required, contradicted=self.contradicted, rivals=self.rivals)
+        if self._contradictions or not self._shown_ns.keys() >= self._ages_s.keys():
+            return VerificationStatus(required, contradictions=self.contradictions, rivals=self.rivals)
         own = {name: age_s for name, age_s in self._ages_s.items() if age_s is not None}
         own_ns = (self._shown_ns[name] + self.rested_ns(name) + round(age_s * 1e9) for name, age_s in own.items())
-        return Standing(required, min(self._shown_ns[name] for name in required), min(own_ns, default=None))
+        return VerificationStatus(required, min(self._shown_ns[name] for name in required), min(own_ns, default=None))
 
     def contradict(self, checks: Iterable[Check], named: frozenset[str], until_ns: int) -> None:
-        """Take the signs among the checks, which are of motion up to until_ns. named: those that are told as FAULT."""
+        """Take the contradictions among the checks, which are of motion up to until_ns. named: those that are told as
+        FAULT.
+        """
         for check in checks:
             if self._beyond(check):
-                self._sign(check, check.name in named, until_ns)
+                self._add(check, check.name in named, until_ns)
 
     def accuse(
         self, checks: Iterable[Check], named: frozenset[str], until_ns: int, rivals: tuple[Rival, ...] = ()
     ) -> None:
-        """Take each of the checks as a sign, whatever its own sigma: together they explain what nothing within the
-        limits does. rivals: among them, where it is not known which.
+        """Take each of the checks as a contradiction, whatever its own sigma: together they explain what nothing within
+        the limits does. rivals: among them, where it is not known which.
         """
         for check in checks:
-            self._sign(check, check.name in named, until_ns)
+            self._add(check, check.name in named, until_ns)
         self._rivals = rivals
 
     def weigh(self, checks: tuple[Check, ...], since_ns: int) -> tuple[Check, ...]:
@@ -130,9 +135,11 @@ class Verification:
         """
         return tuple(self._weighed(check, since_ns) for check in checks)
 
-    def _sign(self, check: Check, named: bool, until_ns: int) -> None:
-        before = self._signs.get(check.name)
-        self._signs[check.name] = Sign(check, until_ns, named or (before is not None and before.named))
+    def _add(self, check: Check, named: bool, until_ns: int) -> None:
+        before = self._contradictions.get(check.name)
+        self._contradictions[check.name] = Contradiction(
+            check, until_ns, named or (before is not None and before.named)
+        )
         self._shown_ns.pop(check.name, None)
 
     def _beyond(self, check: Check) -> bool:
@@ -141,22 +148,22 @@ class Verification:
         return surely or check.verdict is VerdictKind.FAULT
 
     def _weighed(self, check: Check, since_ns: int) -> Check:
-        sign = self._signs.get(check.name)
-        if sign is not None and self._answered(check, sign, since_ns):
-            del self._signs[check.name]
-            sign = None
+        contradiction = self._contradictions.get(check.name)
+        if contradiction is not None and self._answered(check, contradiction, since_ns):
+            del self._contradictions[check.name]
+            contradiction = None
         good = check.verdict is VerdictKind.OK
-        if good and sign is None and check.shown_ns is not None:
+        if good and contradiction is None and check.shown_ns is not None:
             self._shown_ns[check.name] = max(check.shown_ns, self._shown_ns.get(check.name, check.shown_ns))
-        verdict = VerdictKind.NOT_VERIFIED if good and sign is not None else check.verdict
+        verdict = VerdictKind.NOT_VERIFIED if good and contradiction is not None else check.verdict
         return replace(check, verdict=verdict, shown_ns=self._shown_ns.get(check.name))
 
-    def _answered(self, check: Check, sign: Sign, since_ns: int) -> bool:
-        """Whether motion wholly after the sign shows the parameter with room, or, where the sign was never confirmed,
-        measures it as sharply and finds it within its limit.
+    def _answered(self, check: Check, contradiction: Contradiction, since_ns: int) -> bool:
+        """Whether motion wholly after the contradiction shows the parameter with room, or, where the contradiction was
+        never confirmed, measures it as sharply and finds it within its limit.
         """
-        if since_ns <= sign.until_ns or not isfinite(check.value):
+        if since_ns <= contradiction.until_ns or not isfinite(check.value):
             return False
         if check.verdict is VerdictKind.OK:
             return abs(check.value) + self._confidence_sigma * check.sigma <= _ROOM * check.limit
-        return not sign.named and check.ratio <= 1.0 and check.sigma <= _AS_SHARP * sign.check.sigma
+        return not contradiction.named and check.ratio <= 1.0 and check.sigma <= _AS_SHARP * contradiction.check.sigma

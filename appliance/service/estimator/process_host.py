@@ -55,8 +55,8 @@ class Process(Protocol):
 class EstimatorHost:
     """Owner of the rings and of the process. All times inside are real seconds, whatever the cart's clock does.
 
-    reference: None until refer() gives one; without it nothing is judged. stale_ns: as in `EstimatorSettings`. slowness:
-    factor of the timeouts, for an emulated machine. clock: whose real time it is.
+    reference: None until refer() gives one; without it nothing is judged. stale_ns: as in `EstimatorSettings`.
+    slowness: factor of the timeouts, for an emulated machine. clock: whose real time it is.
 
     restarts: processes started after the first. ended: how the last to end did so, and which restart followed; None
     before any did. last: what it said last, None before its first word. said_ns: when the first verdict of the last

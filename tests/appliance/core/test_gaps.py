@@ -66,7 +66,7 @@ GAPS: dict[str, tuple[float, During]] = {
 def after(watched: Line, lasting_s: float, during: During) -> None:
     for sample in scan(0.0, 0.2):
         watched.step(sample)
-    assert watched._evidence.standing.verified_ns == 5 * NS
+    assert watched._evidence.status.verified_ns == 5 * NS
     for sample in scan(0.2, 0.2 + lasting_s):
         if (left := during(sample)) is not None:
             watched.step(left)
@@ -78,7 +78,7 @@ def after(watched: Line, lasting_s: float, during: During) -> None:
 def test_after_a_gap_no_parameter_is_shown(lasting_s: float, during: During) -> None:
     watched = line()
     after(watched, lasting_s, during)
-    assert watched._evidence.standing.verified_ns is None
+    assert watched._evidence.status.verified_ns is None
     known = {name for name in SHOWN if name in watched._evidence._verification._shown_ns}
     assert known == set()
 
@@ -99,4 +99,4 @@ def test_after_a_gap_the_breathing_is_still_known_and_nothing_else() -> None:
 def test_a_hand_that_passes_before_the_markers_takes_nothing_away() -> None:
     watched = line()
     after(watched, 0.2, unseen)
-    assert watched._evidence.standing.verified_ns == 5 * NS
+    assert watched._evidence.status.verified_ns == 5 * NS

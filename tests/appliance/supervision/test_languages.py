@@ -11,7 +11,7 @@ from appliance.core.line import Line
 from appliance.core.quality.gesture import Gesture
 from appliance.core.quality.judgement import BROKE, Judgement, bounded, judge
 from appliance.core.quality.proposal import propose
-from appliance.core.quality.verification import Sign, Standing
+from appliance.core.quality.verification import Contradiction, VerificationStatus
 from appliance.limits import Limits
 from appliance.supervision.alarms import (
     DISTURBED,
@@ -34,11 +34,13 @@ from tools.shared.status_view import WORDS
 
 NOT_VERIFIED = VerdictKind.NOT_VERIFIED
 REQUIRED = Limits().required_age_s.names
-STANDING = Standing(REQUIRED)
+STATUS = VerificationStatus(REQUIRED)
 SCALED = Check("scale-lateral", Fault.SCALE, 12.0, 3.0, "%", 5.0, NOT_VERIFIED)
 LATE = Check("latency", Fault.LATENCY, 90.0, 12.0, "ms", 60.0, NOT_VERIFIED)
-UNDECIDED = Standing(
-    REQUIRED, contradicted=(Sign(SCALED, 0, False), Sign(LATE, 0, False)), rivals=(Rival(SCALED, 0.0), Rival(LATE, 2.1))
+UNDECIDED = VerificationStatus(
+    REQUIRED,
+    contradictions=(Contradiction(SCALED, 0, False), Contradiction(LATE, 0, False)),
+    rivals=(Rival(SCALED, 0.0), Rival(LATE, 2.1)),
 )
 PROPOSALS = (
     propose([Check("latency", Fault.LATENCY, 90.0, 12.0, "ms", 60.0, VerdictKind.FAULT)], truth(HEALTHY), 80.0),
@@ -111,24 +113,24 @@ def checks(**values: tuple[float, float, VerdictKind]) -> tuple[Check, ...]:
 @pytest.mark.parametrize(
     "reason",
     [
-        judge(0, (), STANDING).reason,
-        judge(0, checks(), STANDING).reason,
-        judge(0, checks(scale_lateral=(4.6, 0.1, NOT_VERIFIED)), STANDING).reason,
-        judge(0, checks(scale_lateral=(-7.3, 0.1, NOT_VERIFIED)), STANDING).reason,
-        judge(0, checks(offset_axial=(-7.3, 0.1, NOT_VERIFIED)), STANDING).reason,
-        judge(0, checks(scale_axial=(7.3, 0.1, VerdictKind.FAULT)), STANDING).reason,
-        judge(0, checks(motion_agreement=(1.7, 0.0, NOT_VERIFIED), polarity=(0.0, 0.0, NOT_VERIFIED)), STANDING).reason,
+        judge(0, (), STATUS).reason,
+        judge(0, checks(), STATUS).reason,
+        judge(0, checks(scale_lateral=(4.6, 0.1, NOT_VERIFIED)), STATUS).reason,
+        judge(0, checks(scale_lateral=(-7.3, 0.1, NOT_VERIFIED)), STATUS).reason,
+        judge(0, checks(offset_axial=(-7.3, 0.1, NOT_VERIFIED)), STATUS).reason,
+        judge(0, checks(scale_axial=(7.3, 0.1, VerdictKind.FAULT)), STATUS).reason,
+        judge(0, checks(motion_agreement=(1.7, 0.0, NOT_VERIFIED), polarity=(0.0, 0.0, NOT_VERIFIED)), STATUS).reason,
         judge(
-            0, (*checks(), Check("no-picture", Fault.NO_PICTURE, 600.0, 0.0, "ms", 500.0, NOT_VERIFIED)), STANDING
+            0, (*checks(), Check("no-picture", Fault.NO_PICTURE, 600.0, 0.0, "ms", 500.0, NOT_VERIFIED)), STATUS
         ).reason,
         judge(0, checks(), UNDECIDED).reason,
         *(one.text for one in PROPOSALS if one),
-        bounded(judge(0, checks(), STANDING), None, 2.5).reason,
-        bounded(judge(0, checks(), STANDING), PointError((1.0, 3.1), (1.0, 2.0), None, None, 0), 2.5).reason,
-        bounded(judge(0, (), STANDING), PointError((1.0, 3.1), (1.0, 2.0), None, None, 0), 2.5).reason,
+        bounded(judge(0, checks(), STATUS), None, 2.5).reason,
+        bounded(judge(0, checks(), STATUS), PointError((1.0, 3.1), (1.0, 2.0), None, None, 0), 2.5).reason,
+        bounded(judge(0, (), STATUS), PointError((1.0, 3.1), (1.0, 2.0), None, None, 0), 2.5).reason,
         Judgement(REQUIRED).overall(()).reason,
         Judgement(REQUIRED).overall(checks()).reason,
-        replace(judge(0, (), STANDING), reason=OUTDATED).reason,
+        replace(judge(0, (), STATUS), reason=OUTDATED).reason,
     ],
 )
 def test_every_reason_is_told_in_german(reason: str) -> None:

@@ -150,7 +150,7 @@ def test_a_change_of_scale_is_named_within_four_seconds_and_only_by_its_name() -
 def test_before_breathing_is_known_a_wrong_axial_scale_is_named_where_no_breath_explains_it() -> None:
     evidence, whole = watched()
     assert set().union(*fed(evidence, whole, 0, 9, scale=1.15, lateral=False)) == {"scale-axial"}
-    assert evidence.standing.verified_ns is None
+    assert evidence.status.verified_ns is None
 
 
 def breathing_path(t_s: Array) -> Array:
@@ -166,7 +166,7 @@ def test_before_breathing_is_known_a_breath_is_not_named() -> None:
     window.poses = still.poses
     evidence = Evidence(TRUTH, LIMITS, window)
     assert set().union(*fed(evidence, breathing, 0, 9)) == set()
-    assert evidence.standing.verified_ns is None or evidence.shows("scale")
+    assert evidence.status.verified_ns is None or evidence.shows("scale")
 
 
 @pytest.mark.parametrize("was_shown", [True, False])
@@ -178,8 +178,8 @@ def test_a_sign_that_may_be_a_breath_bars_the_motion_before_it_where_it_withdraw
     wrong = replace(good, value=12.0, verdict=VerdictKind.FAULT, shown_ns=None)
     for _ in range(2):
         evidence._contradict((wrong,), frozenset(), evidence.window)
-        (sign,) = evidence.standing.contradicted
-        assert sign.until_ns == (evidence.window.now_ns if was_shown else evidence.window.start_ns - 1)
+        (contradiction,) = evidence.status.contradictions
+        assert contradiction.until_ns == (evidence.window.now_ns if was_shown else evidence.window.start_ns - 1)
 
 
 @pytest.mark.thorough
@@ -253,7 +253,7 @@ def test_a_tracker_later_than_the_fine_search_reaches_is_named_with_its_lag(late
     evidence = late(late_s, 6.0)
     assert {check.name for check in evidence.checks() if check.verdict is FAULT} == {"latency"}
     assert by_name(evidence.checks())["latency"].value == pytest.approx(1e3 * late_s, abs=30)
-    assert evidence.standing.verified_ns is None
+    assert evidence.status.verified_ns is None
 
 
 def test_a_lag_that_the_fine_search_does_not_confirm_may_be_a_fault_but_no_ok() -> None:
@@ -279,7 +279,7 @@ def test_a_far_latency_that_is_mended_comes_back_to_ok() -> None:
         if index % 10 == 9:
             evidence.solve(evidence.window.now_ns)
     assert by_name(evidence.checks())["latency"].verdict is OK
-    assert evidence.standing.verified_ns is not None
+    assert evidence.status.verified_ns is not None
 
 
 @pytest.mark.thorough

@@ -13,7 +13,7 @@ from appliance.core.quality.evidence import Evidence
 from appliance.core.quality.field_distortion import DOUBTED_NATS, NAME, FieldDistortion, distortion_nats
 from appliance.core.quality.innovations import Innovations
 from appliance.core.quality.judgement import judge
-from appliance.core.quality.verification import Standing
+from appliance.core.quality.verification import VerificationStatus
 from appliance.core.spread_work import whole
 from appliance.limits import NAMED_NATS, Limits
 from appliance.supervision.supervisor import Durations, Inputs, Supervisor
@@ -47,7 +47,7 @@ def verdicts(played: PathWindow, every: int = 10) -> list[Verdict]:
         window.add(seen)
         if index % every == every - 1:
             evidence.solve(window.now_ns)
-            told.append(judge(window.now_ns, evidence.checks(), evidence.standing))
+            told.append(judge(window.now_ns, evidence.checks(), evidence.status))
     return told
 
 
@@ -170,17 +170,17 @@ def test_what_is_seen_of_it_withholds_the_ok_and_nothing_but_motion_answers_it()
     window = filled(tilting_path, 9.0, 1)
     evidence = Evidence(TRUTH, Limits(), window)
     evidence.solve(window.now_ns)
-    assert judge(window.now_ns, evidence.checks(), evidence.standing).kind is OK
+    assert judge(window.now_ns, evidence.checks(), evidence.status).kind is OK
     evidence.distortion.note(DOUBTED_NATS, window.start_ns, window.now_ns, explained=False)
-    verdict = judge(window.now_ns, evidence.checks(), evidence.standing)
+    verdict = judge(window.now_ns, evidence.checks(), evidence.status)
     assert (verdict.kind, verdict.verified_ns) == (NOT_VERIFIED, None)
     assert verdict.reason == "field-distortion +13.5 nat, limit 18.5 nat: waiting for it to be confirmed"
     evidence.solve(window.now_ns)
-    assert evidence.standing.verified_ns is None, "this window holds motion from before"
+    assert evidence.status.verified_ns is None, "this window holds motion from before"
     evidence.forget(window.now_ns)
-    assert evidence.standing.contradicted, "a step of the clock forgives nothing"
+    assert evidence.status.contradictions, "a step of the clock forgives nothing"
     evidence.lose_sight()
-    assert evidence.standing.contradicted, "nor does a hand before the markers"
+    assert evidence.status.contradictions, "nor does a hand before the markers"
     assert any(check.name == NAME for check in evidence.final())
 
 
@@ -215,7 +215,7 @@ def test_what_answered_it_shows_nothing_of_the_motion_before() -> None:
             doubted_ns = window.now_ns
             evidence.distortion.note(DOUBTED_NATS, window.start_ns, doubted_ns, explained=False)
         if index % 10 == 9 and index > 270:
-            told.append(judge(window.now_ns, evidence.checks(), evidence.standing))
+            told.append(judge(window.now_ns, evidence.checks(), evidence.status))
     back = next(verdict for verdict in told if verdict.kind is OK)
     assert back.t_ns > doubted_ns + 10 * SECOND_NS, "ten seconds is the window"
     assert back.verified_ns is not None
@@ -226,6 +226,6 @@ def test_what_answered_it_shows_nothing_of_the_motion_before() -> None:
 def test_any_other_fault_is_told_before_it(other: Fault) -> None:
     """It mends by itself, and must not hide what a person has to answer."""
     checks = tuple(Check(fault.value, fault, 40.0, 0.0, "", 1.0, FAULT) for fault in (Fault.FIELD_DISTORTION, other))
-    verdict = judge(0, checks, Standing(()))
+    verdict = judge(0, checks, VerificationStatus(()))
     assert verdict.fault is other
     assert NAME in verdict.reason

@@ -51,8 +51,8 @@ def first_fault(whole: PathWindow) -> tuple[float, Fault] | None:
         evidence.glance()
         failed = [check.fault for check in evidence.checks() if check.verdict is VerdictKind.FAULT]
         if failed:
-            assert evidence.standing.verified_ns is None
-            assert evidence.standing.contradicted[0].named
+            assert evidence.status.verified_ns is None
+            assert evidence.status.contradictions[0].named
             return index / FPS, failed[0]
     return None
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from appliance.core.quality.judgement import Judgement, bounded, judge
-from appliance.core.quality.verification import Sign, Standing
+from appliance.core.quality.verification import Contradiction, VerificationStatus
 from appliance.limits import Limits
 from appliance.supervision.languages import told
 from appliance.types import Check, Fault, Kind, PointError, Verdict, VerdictKind
@@ -16,7 +16,7 @@ from appliance.types import Check, Fault, Kind, PointError, Verdict, VerdictKind
 OK, FAULT, NOT_VERIFIED = VerdictKind.OK, VerdictKind.FAULT, VerdictKind.NOT_VERIFIED
 SECOND_NS = 1_000_000_000
 REQUIRED = Limits().required_age_s.names
-STANDING = Standing(REQUIRED)
+STATUS = VerificationStatus(REQUIRED)
 
 
 def check(name: str, verdict: VerdictKind = OK, value: float = 1.0, fault: str | None = None) -> Check:
@@ -31,8 +31,8 @@ def failing(name: str, value: float = 8.0, fault: str | None = None) -> tuple[Ch
 
 
 def test_all_required_checks_shown_is_ok() -> None:
-    assert judge(7, HEALTHY, STANDING).kind is OK
-    assert judge(7, (*HEALTHY, check("offset-axial", NOT_VERIFIED)), STANDING).kind is OK, (
+    assert judge(7, HEALTHY, STATUS).kind is OK
+    assert judge(7, (*HEALTHY, check("offset-axial", NOT_VERIFIED)), STATUS).kind is OK, (
         "an ordinary sweep may lack this one"
     )
 
@@ -42,14 +42,14 @@ def test_a_required_check_that_is_not_shown_withholds_the_ok_and_is_named(name: 
     unseen = tuple(replace(c, verdict=NOT_VERIFIED, value=np.nan) if c.name == name else c for c in HEALTHY)
     absent = tuple(c for c in HEALTHY if c.name != name)
     for checks in (unseen, absent):
-        verdict = judge(7, checks, STANDING)
+        verdict = judge(7, checks, STATUS)
         assert (verdict.kind, verdict.fault) == (NOT_VERIFIED, None)
         assert name in verdict.reason
 
 
 @pytest.mark.parametrize("name", [*REQUIRED, "latency", "rotation-lateral", "offset-axial"])
 def test_any_failing_check_is_a_fault_with_value_and_limit(name: str) -> None:
-    verdict = judge(7, failing(name), STANDING)
+    verdict = judge(7, failing(name), STATUS)
     assert (verdict.kind, verdict.fault) == (FAULT, name.split("-", maxsplit=1)[0])
     assert verdict.reason == f"{name} +8 %, limit 5 %"
 
@@ -58,15 +58,15 @@ def test_any_failing_check_is_a_fault_with_value_and_limit(name: str) -> None:
 @pytest.mark.parametrize("name", ["no-picture", "a new detector's check"])
 def test_a_check_of_sight_withholds_the_ok_whatever_its_name(name: str, fault: str) -> None:
     unseen = Check(name, fault, 600.0, 0.0, "ms", 500.0, NOT_VERIFIED)
-    verdict = judge(7, (*HEALTHY, unseen), replace(STANDING, verified_ns=6))
+    verdict = judge(7, (*HEALTHY, unseen), replace(STATUS, verified_ns=6))
     assert (verdict.kind, verdict.fault, verdict.verified_ns) == (NOT_VERIFIED, None, None)
     assert verdict.reason == f"nothing to compare: {name}"
-    assert judge(7, (*HEALTHY, replace(unseen, verdict=OK)), STANDING).kind is OK
+    assert judge(7, (*HEALTHY, replace(unseen, verdict=OK)), STATUS).kind is OK
 
 
 @pytest.mark.parametrize("fault", [fault for fault in Fault if fault.kind is not Kind.SIGHT])
 def test_a_check_of_another_kind_that_shows_nothing_withholds_nothing(fault: str) -> None:
-    assert judge(7, (*HEALTHY, Check("a figure", fault, np.nan, np.nan, "", 1.0, NOT_VERIFIED)), STANDING).kind is OK
+    assert judge(7, (*HEALTHY, Check("a figure", fault, np.nan, np.nan, "", 1.0, NOT_VERIFIED)), STATUS).kind is OK
 
 
 def test_of_several_faults_the_one_that_spoils_the_others_is_named() -> None:
@@ -74,10 +74,10 @@ def test_of_several_faults_the_one_that_spoils_the_others_is_named() -> None:
     polarity = check("polarity", FAULT, 6.0)
     frozen = check("frozen", FAULT, 6.0, "frozen-video")
     rotation = check("rotation-axial", FAULT, 20.0)
-    assert judge(0, (scale, rotation), STANDING).fault == "scale"
-    assert judge(0, (scale, latency), STANDING).fault == "latency"
-    assert judge(0, (latency, polarity, scale), STANDING).fault == "polarity"
-    assert judge(0, (polarity, frozen, latency), STANDING).fault == "frozen-video"
+    assert judge(0, (scale, rotation), STATUS).fault == "scale"
+    assert judge(0, (scale, latency), STATUS).fault == "latency"
+    assert judge(0, (latency, polarity, scale), STATUS).fault == "polarity"
+    assert judge(0, (polarity, frozen, latency), STATUS).fault == "frozen-video"
 
 
 def session(*spans: tuple[float, tuple[Check, ...]]) -> Verdict:
@@ -85,7 +85,7 @@ def session(*spans: tuple[float, tuple[Check, ...]]) -> Verdict:
     judgement, t_ns = Judgement(REQUIRED), 0
     for seconds, checks in spans:
         for _ in range(round(seconds * 10)):
-            judgement.note(judge(t_ns, checks, STANDING))
+            judgement.note(judge(t_ns, checks, STATUS))
             t_ns += SECOND_NS // 10
     return judgement.overall(HEALTHY)
 
@@ -116,7 +116,7 @@ def test_of_two_lasting_faults_the_longer_one_names_the_session() -> None:
 
 def test_nothing_shown_is_not_verified_with_what_was_missing() -> None:
     judgement = Judgement(REQUIRED)
-    judgement.note(judge(0, UNSEEN, STANDING))
+    judgement.note(judge(0, UNSEEN, STATUS))
     verdict = judgement.overall(UNSEEN)
     assert verdict.kind is NOT_VERIFIED
     assert all(name in verdict.reason for name in REQUIRED)
@@ -133,13 +133,11 @@ def agreement(value: float) -> Check:
 @pytest.mark.parametrize("whole_session", [False, True])
 def test_picture_and_tracker_that_disagree_are_told_as_such(whole_session: bool) -> None:
     checks = (*UNSHOWN, agreement(1.7))
-    verdict = Judgement(REQUIRED).overall(checks) if whole_session else judge(7, checks, STANDING)
+    verdict = Judgement(REQUIRED).overall(checks) if whole_session else judge(7, checks, STATUS)
     assert verdict.kind is NOT_VERIFIED
     assert verdict.reason == "picture and tracker disagree: motion-agreement 17 × its limit"
     agreed = (*UNSHOWN, agreement(0.05))
-    assert (
-        "disagree" not in (Judgement(REQUIRED).overall(agreed) if whole_session else judge(7, agreed, STANDING)).reason
-    )
+    assert "disagree" not in (Judgement(REQUIRED).overall(agreed) if whole_session else judge(7, agreed, STATUS)).reason
 
 
 @pytest.mark.parametrize(
@@ -157,7 +155,7 @@ def test_an_estimate_near_or_beyond_its_limit_is_named(
     value: float, sigma: float, said: str, rest: tuple[Check, ...]
 ) -> None:
     doubtful = Check("offset-elevational", Fault.OFFSET, value, sigma, "mm", 4.0, NOT_VERIFIED)
-    clauses = judge(7, (*rest, doubtful), STANDING).reason.split("; ")
+    clauses = judge(7, (*rest, doubtful), STATUS).reason.split("; ")
     assert [clause for clause in clauses if "its limit" in clause] == ([said] if said else [])
     assert len(clauses) == 1 + bool(said), "what is verified or missing is said as well"
 
@@ -166,7 +164,7 @@ def error(worst_mm: float, shown_ns: int = 5) -> PointError:
     return PointError((worst_mm / 2, worst_mm), (worst_mm / 3, worst_mm / 1.5), None, None, shown_ns)
 
 
-VERIFIED = replace(STANDING, verified_ns=6, expires_ns=9)
+VERIFIED = replace(STATUS, verified_ns=6, expires_ns=9)
 
 
 def test_without_a_limit_the_error_of_a_point_is_told_and_nothing_else_changes() -> None:
@@ -217,9 +215,9 @@ def test_a_limit_in_millimetres_only_ever_withholds(
     kinds: list[VerdictKind], contradicted: bool, broke: bool, point: PointError | None, limit_mm: float, at: int | None
 ) -> None:
     checks = tuple(replace(one, verdict=kind) for one, kind in zip(HEALTHY, kinds, strict=True))
-    signs = (Sign(HEALTHY[0], 3, named=False),) if contradicted else ()
-    standing = replace(STANDING, contradicted=signs, verified_ns=None if signs else at, expires_ns=at)
-    without = judge(7, checks, standing, broke)
+    contradictions = (Contradiction(HEALTHY[0], 3, named=False),) if contradicted else ()
+    status = replace(STATUS, contradictions=contradictions, verified_ns=None if contradictions else at, expires_ns=at)
+    without = judge(7, checks, status, broke)
     limited, plain = bounded(without, point, limit_mm), bounded(without, point, None)
     assert limited.fault == without.fault == plain.fault
     assert limited.checks == without.checks
@@ -241,8 +239,8 @@ def test_a_limit_in_millimetres_only_ever_withholds(
 def test_a_session_has_the_error_as_it_was_last_known_and_none_beside_a_fault() -> None:
     judgement = Judgement(REQUIRED)
     for t_ns, point in ((1, error(3.0)), (2, error(2.0)), (3, None)):
-        judgement.note(bounded(judge(t_ns, HEALTHY, STANDING), point, None))
+        judgement.note(bounded(judge(t_ns, HEALTHY, STATUS), point, None))
     assert judgement.overall(HEALTHY).point == error(2.0)
     for t_ns in (4, 4 + 2 * SECOND_NS):
-        judgement.note(bounded(judge(t_ns, failing("polarity"), STANDING), error(2.0), None))
+        judgement.note(bounded(judge(t_ns, failing("polarity"), STATUS), error(2.0), None))
     assert judgement.overall(HEALTHY).point is None

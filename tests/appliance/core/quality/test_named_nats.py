@@ -20,7 +20,7 @@ SLID = replace(TRUTH, offset_mm=np.add(TRUTH.offset_mm, [0, 9, 0]))
 
 
 def played(named_nats: float) -> list[tuple[Verdict, tuple[Check, ...]]]:
-    """Verdict and standing signs at each solution, of a body that slid unseen after healthy motion."""
+    """Verdict and standing contradictions at each solution, of a body that slid unseen after healthy motion."""
     evidence = Evidence(TRUTH, Limits(named_nats=named_nats), filled(tilting_path, 10.0, 1))
     evidence.solve(evidence.window.now_ns)
     whole = filled(tilting_path, 6.0, 3, truth=SLID)
@@ -31,8 +31,8 @@ def played(named_nats: float) -> list[tuple[Verdict, tuple[Check, ...]]]:
         evidence.window.add(motion)
         if index % 10 == 9:
             evidence.solve(motion.stamp.t_ns)
-            verdict = judge(motion.stamp.t_ns, evidence.checks(), evidence.standing)
-            seen.append((verdict, tuple(sign.check for sign in evidence.standing.contradicted)))
+            verdict = judge(motion.stamp.t_ns, evidence.checks(), evidence.status)
+            seen.append((verdict, tuple(contradiction.check for contradiction in evidence.status.contradictions)))
     return seen
 
 
@@ -44,8 +44,8 @@ def test_the_name_comes_later_and_the_signs_that_open_the_contact_do_not() -> No
         for run in (shipped, raised)
     )
     assert first < later
-    assert [signs for _, signs in shipped] == [signs for _, signs in raised]
-    opened = next(index for index, (_, signs) in enumerate(shipped) if signs)
+    assert [contradictions for _, contradictions in shipped] == [contradictions for _, contradictions in raised]
+    opened = next(index for index, (_, contradictions) in enumerate(shipped) if contradictions)
     assert opened < first
     for run in (shipped, raised):
         assert VerdictKind.OK not in {verdict.kind for verdict, _ in run[opened:]}

@@ -12,7 +12,7 @@ from appliance.core.quality.evidence import Evidence
 from appliance.core.quality.examination import Finding, examine, examine_nothing
 from appliance.core.quality.point_error import Change, Places
 from appliance.core.quality.point_watch import Pace, PointWatch
-from appliance.core.quality.verification import Sign, Standing
+from appliance.core.quality.verification import Contradiction, VerificationStatus
 from appliance.limits import Limits
 from appliance.types import PARAMETERS, Check, PointError, VerdictKind
 from drivers.rigid import Array, inverse, rigid, rotation_from_vector
@@ -21,8 +21,8 @@ from tests.support.windows import filled
 
 S = 1_000_000_000
 LIMITS = Limits()
-VERIFIED = Standing(LIMITS.required_age_s.names, verified_ns=1)
-OPEN = Standing(LIMITS.required_age_s.names)
+VERIFIED = VerificationStatus(LIMITS.required_age_s.names, verified_ns=1)
+OPEN = VerificationStatus(LIMITS.required_age_s.names)
 NOTED_NS = 12 * S
 SENSOR_TO_PICTURE = rigid(TRUTH.rotation, TRUTH.offset_mm)
 
@@ -52,12 +52,12 @@ def sweep() -> Finding:
     return found
 
 
-def at(watch: PointWatch, now_s: float, standing: Standing = VERIFIED) -> PointError | None:
+def at(watch: PointWatch, now_s: float, status: VerificationStatus = VERIFIED) -> PointError | None:
     """With a hand that holds still."""
     now_ns = round(now_s * S)
     for t_ns in (now_ns - S // 10, now_ns):
         watch.pace.step(t_ns, np.eye(4))
-    return watch.now(now_ns, standing)
+    return watch.now(now_ns, status)
 
 
 def watching(*findings: Finding) -> PointWatch:
@@ -200,7 +200,7 @@ def test_what_was_never_shown_has_no_bound(sweep: Finding) -> None:
 
 
 def test_a_sign_against_the_calibration_ends_it_until_all_is_shown_anew(gesture: Finding, sweep: Finding) -> None:
-    doubted = replace(OPEN, contradicted=(Sign(gesture.checks[1], 11 * S, named=False),))
+    doubted = replace(OPEN, contradictions=(Contradiction(gesture.checks[1], 11 * S, named=False),))
     watch = watching(gesture)
     assert at(watch, 11.0, doubted) is None
     watch.note(sweep, NOTED_NS, doubted, 0.0)
@@ -243,9 +243,9 @@ def evidence_of_a_gesture() -> Evidence:
 def test_evidence_knows_it_after_a_solution_and_no_more_after_a_loss_of_sight() -> None:
     evidence = evidence_of_a_gesture()
     now_ns = evidence.window.now_ns
-    assert evidence.points.now(now_ns, evidence.standing) is not None
+    assert evidence.points.now(now_ns, evidence.status) is not None
     evidence.lose_sight()
-    assert evidence.points.now(now_ns, evidence.standing) is None
+    assert evidence.points.now(now_ns, evidence.status) is None
 
 
 @pytest.mark.parametrize("forget", [Evidence.forget, Evidence.forget_poses])
@@ -253,10 +253,10 @@ def test_evidence_forgets_it_with_the_stamps_that_were_wrong(forget: Callable[[E
     evidence = evidence_of_a_gesture()
     now_ns = evidence.window.now_ns
     forget(evidence, now_ns - S)
-    assert evidence.points.now(now_ns, evidence.standing) is None
+    assert evidence.points.now(now_ns, evidence.status) is None
 
 
 def test_a_window_without_motion_has_none() -> None:
     evidence = Evidence(TRUTH, LIMITS, PathWindow(TRUTH))
     evidence.solve(S)
-    assert evidence.points.now(S, evidence.standing) is None
+    assert evidence.points.now(S, evidence.status) is None

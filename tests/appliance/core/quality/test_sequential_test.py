@@ -191,7 +191,7 @@ def test_both_are_told_with_the_motion_that_tells_which() -> None:
     assert found is not None
     verification = Verification(LIMITS, Rest(LIMITS, TRUTH))
     verification.accuse(found.checks, found.named, 5, found.rivals)
-    verdict = judge(5, (), verification.standing)
+    verdict = judge(5, (), verification.status)
     assert (verdict.kind, verdict.rivals) == (VerdictKind.NOT_VERIFIED, found.rivals)
     assert verdict.reason == (
         f"one of these is wrong, {found.rivals[1].behind_nats:.1f} nat apart: offset-axial, scale-lateral; "

@@ -57,7 +57,7 @@ def test_what_comes_while_it_is_under_way_is_not_in_it(most_us: int) -> None:
         spread.go_on(most_us)
     assert not spread.under_way
     assert values(spread.checks()) == values(at_once.checks())
-    assert spread.standing.verified_ns == at_once.standing.verified_ns is not None
+    assert spread.status.verified_ns == at_once.status.verified_ns is not None
     assert all(one.shown_ns is None or one.shown_ns <= due_ns for one in spread.checks())
 
 
@@ -84,7 +84,7 @@ def test_a_solution_of_what_was_withdrawn_is_dropped(withdrawn: Callable[[Eviden
     evidence = known(whole_window())
     evidence.begin(evidence.window.now_ns)
     pieces = run_out(evidence)
-    assert evidence.standing.verified_ns is not None
+    assert evidence.status.verified_ns is not None
     assert 15 < pieces < PIECES
     evidence = known(whole_window())
     evidence.begin(evidence.window.now_ns)
@@ -93,7 +93,7 @@ def test_a_solution_of_what_was_withdrawn_is_dropped(withdrawn: Callable[[Eviden
     assert evidence.under_way
     withdrawn(evidence)
     run_out(evidence)
-    assert evidence.standing.verified_ns is None
+    assert evidence.status.verified_ns is None
     assert values(evidence.checks()) == values(examine_nothing(Limits()).checks)
 
 

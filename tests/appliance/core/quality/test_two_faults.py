@@ -9,7 +9,7 @@ import pytest
 from appliance.core.path.window import PathWindow
 from appliance.core.quality.evidence import Evidence
 from appliance.core.quality.judgement import judge
-from appliance.core.quality.verification import Standing
+from appliance.core.quality.verification import VerificationStatus
 from appliance.limits import Limits
 from appliance.types import Calibration, Check, Fault, Verdict, VerdictKind
 from drivers.rigid import rotation_from_vector
@@ -30,7 +30,7 @@ def solved(whole: PathWindow, every: int = 20) -> Iterator[tuple[Verdict, Eviden
         window.add(seen)
         if index % every == every - 1:
             evidence.solve(window.now_ns)
-            yield judge(window.now_ns, evidence.checks(), evidence.standing), evidence
+            yield judge(window.now_ns, evidence.checks(), evidence.status), evidence
 
 
 def named(truth: Calibration, seconds: float = 13.0, late_s: float = 0.0) -> tuple[set[Fault], list[Verdict]]:
@@ -74,6 +74,6 @@ def test_the_reason_has_a_clause_for_the_worst_of_each_class() -> None:
     two = Check("scale-lateral", Fault.SCALE, 10.0, 0.4, "%", 5.0, FAULT)
     less = Check("scale-axial", Fault.SCALE, 6.0, 0.4, "%", 5.0, FAULT)
     bent = Check("rotation-lateral", Fault.ROTATION, 4.5, 0.4, "deg", 3.0, FAULT)
-    verdict = judge(0, (bent, less, two), Standing(()))
+    verdict = judge(0, (bent, less, two), VerificationStatus(()))
     assert verdict.reason == "scale-lateral +10 %, limit 5 %; rotation-lateral +4.5 deg, limit 3 deg"
     assert verdict.fault is Fault.SCALE

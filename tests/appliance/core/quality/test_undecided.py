@@ -9,7 +9,7 @@ from appliance.core.quality.evidence import Evidence
 from appliance.core.quality.judgement import Judgement, judge
 from appliance.core.quality.sequential_test import Accusation
 from appliance.core.quality.undecided import Choice, undecided
-from appliance.core.quality.verification import Sign, Standing
+from appliance.core.quality.verification import Contradiction, VerificationStatus
 from appliance.limits import NAMED_NATS, Limits
 from appliance.supervision.languages import told
 from appliance.types import Check, Fault, Rival, VerdictKind
@@ -22,7 +22,9 @@ NOT_VERIFIED = VerdictKind.NOT_VERIFIED
 SCALED = Check("scale-lateral", Fault.SCALE, 12.0, 3.0, "%", 5.0, NOT_VERIFIED)
 SLIPPED = Check("offset-axial", Fault.OFFSET, 9.0, 2.0, "mm", 4.0, NOT_VERIFIED)
 TWO = Rival(SCALED, 0.0), Rival(SLIPPED, 2.1)
-STANDING = Standing((), contradicted=(Sign(SCALED, 0, False), Sign(SLIPPED, 0, False)), rivals=TWO)
+STATUS = VerificationStatus(
+    (), contradictions=(Contradiction(SCALED, 0, False), Contradiction(SLIPPED, 0, False)), rivals=TWO
+)
 
 
 def accusation(nats: float, rivals: tuple[Rival, ...] = TWO) -> Accusation:
@@ -49,7 +51,7 @@ def test_one_alone_or_one_that_may_be_a_breath_is_no_choice() -> None:
 
 
 def test_the_verdict_is_a_fault_that_tells_both_names_and_the_motion_that_tells_which() -> None:
-    verdict = judge(5, (choice(),), STANDING)
+    verdict = judge(5, (choice(),), STATUS)
     assert (verdict.kind, verdict.fault, verdict.rivals) == (VerdictKind.FAULT, Fault.UNDECIDED, TWO)
     assert verdict.reason == (
         "one of these is wrong, 2.1 nat apart: scale-lateral, offset-axial; "
@@ -64,7 +66,7 @@ def test_the_verdict_is_a_fault_that_tells_both_names_and_the_motion_that_tells_
 def test_what_has_a_name_is_told_first(named: str) -> None:
     fault = Fault(named.split("-", maxsplit=1)[0] if named.startswith("rotation") else named)
     failed = Check(named, fault, 4.0, 0.1, "deg", 3.0, VerdictKind.FAULT)
-    verdict = judge(5, (choice(), failed), STANDING)
+    verdict = judge(5, (choice(), failed), STATUS)
     assert (verdict.fault, verdict.rivals) == (fault, TWO)
     assert verdict.reason.startswith(f"{named} +4 deg, limit 3 deg; one of these is wrong")
 
@@ -72,7 +74,7 @@ def test_what_has_a_name_is_told_first(named: str) -> None:
 def test_a_recording_in_which_it_lasted_is_told_as_that() -> None:
     judgement = Judgement(())
     for t_ns in (0, 2_000_000_000):
-        judgement.note(judge(t_ns, (choice(),), STANDING))
+        judgement.note(judge(t_ns, (choice(),), STATUS))
     whole = judgement.overall(())
     assert (whole.kind, whole.fault, whole.rivals) == (VerdictKind.FAULT, Fault.UNDECIDED, TWO)
 
@@ -90,9 +92,9 @@ def evidence_of(path: Callable[[Array], Array], seconds: float) -> Evidence:
 def test_motion_that_hides_which_it_is_raises_the_alarm_and_motion_that_tells_names_it() -> None:
     hidden, shown = evidence_of(in_step, 5.5), evidence_of(in_turn, 5.5)
     assert [check.name for check in hidden.checks() if check.verdict is VerdictKind.FAULT] == ["undecided"]
-    assert judge(0, hidden.checks(), hidden.standing).fault is Fault.UNDECIDED
+    assert judge(0, hidden.checks(), hidden.status).fault is Fault.UNDECIDED
     assert Fault.UNDECIDED not in {check.fault for check in shown.checks()}
-    assert judge(0, shown.checks(), shown.standing).fault is Fault.OFFSET
+    assert judge(0, shown.checks(), shown.status).fault is Fault.OFFSET
 
 
 def test_a_choice_that_lasts_for_less_than_a_second_is_none() -> None:
@@ -114,4 +116,4 @@ def test_it_goes_with_the_motion_that_it_was_of() -> None:
         evidence = deepcopy(raised)
         forget(evidence)
         assert Fault.UNDECIDED not in {check.fault for check in evidence.checks()}
-        assert evidence.standing.verified_ns is None
+        assert evidence.status.verified_ns is None
