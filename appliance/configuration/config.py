@@ -13,7 +13,7 @@ from appliance.configuration.toml_lines import key_lines, line_of
 from appliance.limits import MAX_VERIFICATION_AGE_S, NAMED_NATS, TRACKER_STALE_MS, Limits, check_name
 from appliance.supervision.annunciator import Role
 from appliance.supervision.policy import Durations
-from appliance.supervision.watchers.facts import Timeouts
+from appliance.supervision.watchers.device_health import Timeouts
 from drivers.errors import ConfigurationError
 from drivers.files.markup import SAVE_AS_UTF_8, NotUtf8Error, text_of, toml_of
 from drivers.files.regular_file import read_bounded

@@ -16,8 +16,8 @@ from appliance.service.host.host_watch import HostWatch
 from appliance.service.host.recorder import Recorder
 from appliance.service.host.systemd_notify import Notifier
 from appliance.supervision.annunciator import Annunciator
+from appliance.supervision.watchers.device_health import DeviceHealth
 from appliance.supervision.watchers.devices import watch_devices
-from appliance.supervision.watchers.facts import Facts
 from appliance.types import AlarmState, Check, Verdict
 from drivers.clock.host_clock import HostClock
 
@@ -91,13 +91,13 @@ class Tick:
     def _watch(self, now_ns: int) -> tuple[Check, ...]:
         """The checks of the device watchers, and that of this computer's own load."""
         configuration, overload = self._configuration, self._host.overload
-        checks = watch_devices(now_ns, self._facts(now_ns), configuration.timeouts, configuration.config.limits)
+        checks = watch_devices(now_ns, self._health(now_ns), configuration.timeouts, configuration.config.limits)
         load = overload.step(now_ns, self._estimator.waiting_frames, self._devices.losses)
         self._devices.note_overload(overload.since_ns)
         return (*checks, load)
 
-    def _facts(self, now_ns: int) -> Facts:
-        return Facts(
+    def _health(self, now_ns: int) -> DeviceHealth:
+        return DeviceHealth(
             started_ns=self._supervision.started_ns,
             frame_ns=self._devices.video.frame_ns,
             replies=self._devices.tracker.replies,

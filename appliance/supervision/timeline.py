@@ -8,8 +8,8 @@ import numpy as np
 from appliance.core.quality.report import Change, LineReport
 from appliance.limits import Limits
 from appliance.supervision.supervisor import TICK_NS, Durations, Inputs, Supervisor
+from appliance.supervision.watchers.device_health import DeviceHealth, Timeouts
 from appliance.supervision.watchers.devices import watch_devices
-from appliance.supervision.watchers.facts import Facts, Timeouts
 from appliance.types import AlarmState, Check, Verdict, VerdictKind
 from drivers.samples import Frame, Sample
 
@@ -51,7 +51,7 @@ class Timeline:
         judging = judging or Judging()
         self._origin_ns, self._end_ns = origin_ns, end_ns
         self._next_ns, self._idle_left = start_ns, _MOST_IDLE
-        self._facts = Facts(started_ns=start_ns)
+        self._health = DeviceHealth(started_ns=start_ns)
         self._verdicts: list[Verdict] = []
         self._supervisor = Supervisor(judging.durations)
         self._timeouts, self._limits = judging.timeouts, judging.limits
@@ -64,7 +64,7 @@ class Timeline:
     def step(self, sample: Sample, verdicts: tuple[Verdict, ...]) -> None:
         """Take the next sample, in time order, and what the line said to it."""
         self._tick_until(sample.stamp.t_ns)
-        self._facts = _noted(self._facts, sample)
+        self._health = _noted(self._health, sample)
         self._verdicts += verdicts
         if isinstance(sample, Frame):
             return
@@ -131,8 +131,8 @@ class Timeline:
 
     def _tick(self, now_ns: int) -> None:
         """A recording has no estimator process and no outputs to lose: both are reported as just heard of."""
-        facts = replace(self._facts, heartbeat_ns=now_ns, output_ns=now_ns)
-        self.devices = watch_devices(now_ns, facts, self._timeouts, self._limits)
+        health = replace(self._health, heartbeat_ns=now_ns, output_ns=now_ns)
+        self.devices = watch_devices(now_ns, health, self._timeouts, self._limits)
         state = self._supervisor.step(now_ns, Inputs(tuple(self._verdicts), self.devices))
         self._verdicts.clear()
         if self._last is None or (state.state, state.fault) != (self._last.state, self._last.fault):
@@ -141,8 +141,8 @@ class Timeline:
         self._last = state
 
 
-def _noted(facts: Facts, sample: Sample) -> Facts:
+def _noted(health: DeviceHealth, sample: Sample) -> DeviceHealth:
     t_ns = sample.stamp.t_ns
     if isinstance(sample, Frame):
-        return replace(facts, frame_ns=t_ns)
-    return replace(facts, replies=facts.replies.noted(sample.status, t_ns))
+        return replace(health, frame_ns=t_ns)
+    return replace(health, replies=health.replies.noted(sample.status, t_ns))

@@ -25,7 +25,7 @@ import pytest
 from appliance.limits import Limits
 from appliance.service.estimator.process_host import EstimatorHost
 from appliance.service.estimator.ring import FRAMES, Ring
-from appliance.supervision.watchers.facts import Timeouts
+from appliance.supervision.watchers.device_health import Timeouts
 from appliance.types import Calibration
 from drivers.samples import Frame, GreyImage, Stamp
 from tests.bench.receiver import METHODS, PIPED

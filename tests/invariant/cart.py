@@ -10,8 +10,8 @@ from appliance.core.detectors.no_picture import NoPicture
 from appliance.core.line import Line
 from appliance.limits import AT_REST_S, Limits, RequiredAges
 from appliance.supervision.supervisor import LATCHED, Durations, Inputs, Request, Supervisor
+from appliance.supervision.watchers.device_health import DeviceHealth, Timeouts
 from appliance.supervision.watchers.devices import watch_devices
-from appliance.supervision.watchers.facts import Facts, Timeouts
 from appliance.types import AlarmState, Verdict
 from drivers.samples import Frame, GreyImage, Pose, PoseStatus, Sample, Stamp
 from tests.invariant.circumstances import GRADUAL, NO_BLANK, Blank, Circumstances, Manner, Pictures, Poses, Stamps
@@ -110,7 +110,7 @@ class Cart:
         )
         if not discerning:
             self.line._detectors = tuple(one for one in self.line._detectors if not isinstance(one, NoPicture))
-        self._facts = Facts(started_ns=ORIGIN_NS)
+        self._health = DeviceHealth(started_ns=ORIGIN_NS)
         self._verdicts: list[Verdict] = []
         self._request: Request | None = None
         self._index = {"frame": 0, "pose": 0}
@@ -222,7 +222,7 @@ class Cart:
         if genuine and right:
             self.oracle.picture(self._now_ns, pose)
         Cart.frames += 1
-        self._facts = replace(self._facts, frame_ns=self._now_ns)
+        self._health = replace(self._health, frame_ns=self._now_ns)
         self._deliver(Frame(Stamp(stamp_ns, _ERR_NS), self._index["frame"], image))
 
     def _pose(self) -> None:
@@ -301,7 +301,7 @@ class Cart:
         return self._now_ns + off_ns, off_ns == 0
 
     def _note_reply(self, status: PoseStatus) -> None:
-        self._facts = replace(self._facts, replies=self._facts.replies.noted(status, self._now_ns))
+        self._health = replace(self._health, replies=self._health.replies.noted(status, self._now_ns))
 
     def _deliver(self, sample: Sample) -> None:
         """The one place where a sample enters the line; it arrives at self._now_ns."""
@@ -310,8 +310,8 @@ class Cart:
 
     def _tick(self) -> None:
         now_ns = self._now_ns
-        facts = replace(self._facts, heartbeat_ns=now_ns, output_ns=now_ns)
-        inputs = Inputs(tuple(self._verdicts), watch_devices(now_ns, facts, Timeouts()), self._wish())
+        health = replace(self._health, heartbeat_ns=now_ns, output_ns=now_ns)
+        inputs = Inputs(tuple(self._verdicts), watch_devices(now_ns, health, Timeouts()), self._wish())
         self.newest = self._verdicts[-1] if self._verdicts else self.newest
         self._verdicts.clear()
         alarm = self._supervisor.step(now_ns, inputs)

@@ -8,7 +8,7 @@ from typing import Any
 
 from appliance.core.acquisition.input_validation import refused_picture
 from appliance.service.devices.device_thread import DeviceThread
-from appliance.supervision.watchers.facts import Replies
+from appliance.supervision.watchers.device_health import Replies
 from drivers.clock.host_clock import HostClock
 from drivers.device_api import BumpDetector, Description, Identified, TrackerSource, VideoSource, Watched
 from drivers.errors import DeviceLost
@@ -115,7 +115,7 @@ class CaptureThread(SourceThread):
 
 
 class TrackerThread(SourceThread):
-    """Replies and body as appliance.supervision.watchers.facts.Facts names them.
+    """Replies and body as appliance.supervision.watchers.device_health.DeviceHealth names them.
 
     remarks: what the tracker says besides its poses, such as a low battery; first why the last pose has no number.
     """

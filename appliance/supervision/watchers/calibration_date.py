@@ -2,14 +2,14 @@
 `[calibration] overdue = "expires"` it cannot be verified any more, so that the contact opens.
 """
 
-from appliance.supervision.watchers.facts import Facts
+from appliance.supervision.watchers.device_health import DeviceHealth
 from appliance.types import Check, Fault, VerdictKind
 
 FINDS = (Fault.CALIBRATION_DUE,)
 
 
-def calibration_date(facts: Facts) -> Check:
+def calibration_date(health: DeviceHealth) -> Check:
     """calibration-due while the reference in force is overdue or has expired."""
-    passed = facts.calibration_overdue
+    passed = health.calibration_overdue
     verdict = VerdictKind.FAULT if passed else VerdictKind.OK
     return Check("calibration date", Fault.CALIBRATION_DUE, float(passed), 0.0, "", 1.0, verdict)

@@ -1,13 +1,13 @@
 """A configured calibration file that was changed takes no effect by itself, and nobody should believe that it did."""
 
-from appliance.supervision.watchers.facts import Facts
+from appliance.supervision.watchers.device_health import DeviceHealth
 from appliance.types import Check, Fault, VerdictKind
 
 FINDS = (Fault.CALIBRATION_FILE,)
 
 
-def calibration_file(facts: Facts) -> Check:
+def calibration_file(health: DeviceHealth) -> Check:
     """calibration-file while the configured file is neither in force nor the one a person last decided about."""
-    changed = facts.calibration_file_changed
+    changed = health.calibration_file_changed
     verdict = VerdictKind.FAULT if changed else VerdictKind.OK
     return Check("calibration file", Fault.CALIBRATION_FILE, float(changed), 0.0, "", 1.0, verdict)

@@ -4,7 +4,7 @@ from appliance.limits import Limits
 from appliance.supervision.watchers.alarm_log import alarm_log_integrity, alarm_log_written
 from appliance.supervision.watchers.calibration_date import calibration_date
 from appliance.supervision.watchers.calibration_file import calibration_file
-from appliance.supervision.watchers.facts import Facts, Timeouts
+from appliance.supervision.watchers.device_health import DeviceHealth, Timeouts
 from appliance.supervision.watchers.measurement_quality import field_indicator, marker_fit, marker_geometry
 from appliance.supervision.watchers.presence import (
     estimator_presence,
@@ -28,16 +28,18 @@ _WATCHERS = (
 _QUALITY_WATCHERS = (marker_fit, marker_geometry, field_indicator)
 
 
-def watch_devices(now_ns: int, facts: Facts, timeouts: Timeouts, limits: Limits | None = None) -> tuple[Check, ...]:
+def watch_devices(
+    now_ns: int, health: DeviceHealth, timeouts: Timeouts, limits: Limits | None = None
+) -> tuple[Check, ...]:
     """One Check per watcher, failing or not. limits: None for the default ones."""
     bounds = limits or Limits()
-    checks = tuple(watcher(now_ns, facts, timeouts) for watcher in _WATCHERS)
-    quality = tuple(watcher(facts, bounds) for watcher in _QUALITY_WATCHERS)
+    checks = tuple(watcher(now_ns, health, timeouts) for watcher in _WATCHERS)
+    quality = tuple(watcher(health, bounds) for watcher in _QUALITY_WATCHERS)
     return (
         *checks,
         *quality,
-        alarm_log_integrity(facts),
-        alarm_log_written(facts, timeouts),
-        calibration_file(facts),
-        calibration_date(facts),
+        alarm_log_integrity(health),
+        alarm_log_written(health, timeouts),
+        calibration_file(health),
+        calibration_date(health),
     )

@@ -1,37 +1,37 @@
 """Each part must be heard of lately: outputs, scanner, tracker, estimator. What never came has failed."""
 
-from appliance.supervision.watchers.facts import Facts, Timeouts, silence
+from appliance.supervision.watchers.device_health import DeviceHealth, Timeouts, silence
 from appliance.types import Check, Fault, VerdictKind
 
 FINDS = (Fault.OUTPUT_FAILED, Fault.VIDEO_LOST, Fault.TRACKER_LOST, Fault.ESTIMATOR_SILENT)
 
 
-def output_presence(now_ns: int, facts: Facts, timeouts: Timeouts) -> Check:
+def output_presence(now_ns: int, health: DeviceHealth, timeouts: Timeouts) -> Check:
     """output-failed when some output has completed no write for timeouts.output_ns: it cannot alarm."""
     return _presence(
-        "output presence", Fault.OUTPUT_FAILED, now_ns, facts.started_ns, facts.output_ns, timeouts.output_ns
+        "output presence", Fault.OUTPUT_FAILED, now_ns, health.started_ns, health.output_ns, timeouts.output_ns
     )
 
 
-def video_presence(now_ns: int, facts: Facts, timeouts: Timeouts) -> Check:
+def video_presence(now_ns: int, health: DeviceHealth, timeouts: Timeouts) -> Check:
     """video-lost when no picture has arrived for timeouts.video_ns."""
-    return _presence("video presence", Fault.VIDEO_LOST, now_ns, facts.started_ns, facts.frame_ns, timeouts.video_ns)
+    return _presence("video presence", Fault.VIDEO_LOST, now_ns, health.started_ns, health.frame_ns, timeouts.video_ns)
 
 
-def tracker_presence(now_ns: int, facts: Facts, timeouts: Timeouts) -> Check:
+def tracker_presence(now_ns: int, health: DeviceHealth, timeouts: Timeouts) -> Check:
     """tracker-lost when no reply for the probe's tool has come for timeouts.tracker_ns; one without a pose counts."""
-    last_ns = facts.replies.reply_ns
-    return _presence("tracker presence", Fault.TRACKER_LOST, now_ns, facts.started_ns, last_ns, timeouts.tracker_ns)
+    last_ns = health.replies.reply_ns
+    return _presence("tracker presence", Fault.TRACKER_LOST, now_ns, health.started_ns, last_ns, timeouts.tracker_ns)
 
 
-def estimator_presence(now_ns: int, facts: Facts, timeouts: Timeouts) -> Check:
+def estimator_presence(now_ns: int, health: DeviceHealth, timeouts: Timeouts) -> Check:
     """estimator-silent when no word of it has come for timeouts.estimator_ns, or its process has died.
 
     It speaks at least ten times a second, even when it has nothing to conclude.
     """
-    last_ns = facts.heartbeat_ns
+    last_ns = health.heartbeat_ns
     return _presence(
-        "estimator presence", Fault.ESTIMATOR_SILENT, now_ns, facts.started_ns, last_ns, timeouts.estimator_ns
+        "estimator presence", Fault.ESTIMATOR_SILENT, now_ns, health.started_ns, last_ns, timeouts.estimator_ns
     )
 
 

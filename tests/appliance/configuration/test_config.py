@@ -14,7 +14,7 @@ from appliance.configuration.mistakes import Mistakes
 from appliance.configuration.toml_lines import key_lines, line_of
 from appliance.limits import Limits
 from appliance.supervision.policy import Durations
-from appliance.supervision.watchers.facts import Timeouts
+from appliance.supervision.watchers.device_health import Timeouts
 from appliance.types import PARAMETERS
 from drivers.errors import ConfigurationError
 from drivers.registry import device_kinds, drivers

@@ -24,8 +24,8 @@ from appliance.supervision.alarms import (
     SIGNALS,
 )
 from appliance.supervision.languages import GERMAN, told
+from appliance.supervision.watchers.device_health import DeviceHealth, Timeouts
 from appliance.supervision.watchers.devices import watch_devices
-from appliance.supervision.watchers.facts import Facts, Timeouts
 from appliance.types import PARAMETERS, Check, Fault, PointError, Rival, State, VerdictKind
 from drivers.samples import Frame, Stamp
 from tests.appliance.core.acquisition.test_input_validation import HEALTHY, noisy, verdicts
@@ -58,7 +58,7 @@ def check_names() -> set[str]:
     line = Line(truth(HEALTHY), Limits())
     found += line.step(Frame(Stamp(0, 0), 0, np.zeros((10, 10), np.uint8)))
     found += [line.report().verdict]
-    devices = watch_devices(0, Facts(started_ns=0), Timeouts())
+    devices = watch_devices(0, DeviceHealth(started_ns=0), Timeouts())
     return {check.name for verdict in found for check in verdict.checks} | {check.name for check in devices}
 
 

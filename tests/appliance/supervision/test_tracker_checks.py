@@ -10,8 +10,8 @@ import pytest
 
 from appliance.limits import Limits
 from appliance.service.devices.source_thread import TrackerThread
+from appliance.supervision.watchers.device_health import DeviceHealth, Timeouts
 from appliance.supervision.watchers.devices import watch_devices
-from appliance.supervision.watchers.facts import Facts, Timeouts
 from appliance.types import Check, Kind, VerdictKind
 from drivers.clock.host_clock import HostClock
 from drivers.registry import open_tracker
@@ -36,12 +36,12 @@ class Watch:
     def checks(self) -> dict[str, Check]:
         """By name, those about the tracker."""
         thread = self.thread
-        facts = Facts(
+        health = DeviceHealth(
             self._started_ns,
             replies=thread.replies,
             body=thread.body,
         )
-        found = watch_devices(self._clock.now_ns(), facts, self._timeouts, Limits())
+        found = watch_devices(self._clock.now_ns(), health, self._timeouts, Limits())
         return {check.name: check for check in found if check.fault in _TRACKER}
 
     def failing(self) -> list[str]:

@@ -7,14 +7,14 @@ from typing import Any
 import pytest
 
 from appliance.limits import Limits
+from appliance.supervision.watchers.device_health import DeviceHealth, Replies, Timeouts
 from appliance.supervision.watchers.devices import watch_devices
-from appliance.supervision.watchers.facts import Facts, Replies, Timeouts
 from appliance.types import Fault, Kind, VerdictKind
 from drivers.samples import MarkerBody, PoseStatus
 
 NOW_NS = 1_000_000_000_000
 TIMEOUTS, LIMITS = Timeouts(), Limits()
-HEALTHY = Facts(
+HEALTHY = DeviceHealth(
     started_ns=0,
     frame_ns=NOW_NS,
     replies=Replies(reply_ns=NOW_NS, fresh_ns=NOW_NS, pose_ns=NOW_NS, status=PoseStatus.OK),
@@ -23,8 +23,8 @@ HEALTHY = Facts(
 )
 
 
-def failing(facts: Facts) -> dict[str, VerdictKind]:
-    checks = watch_devices(NOW_NS, facts, TIMEOUTS, LIMITS)
+def failing(health: DeviceHealth) -> dict[str, VerdictKind]:
+    checks = watch_devices(NOW_NS, health, TIMEOUTS, LIMITS)
     told = (check for check in checks if not isnan(check.value))
     return {check.fault: check.verdict for check in told if check.verdict is not VerdictKind.OK}
 
@@ -55,7 +55,7 @@ def test_silence_fails_one_nanosecond_past_its_bound(field: str, limit_ns: int, 
     assert check.ratio == 1.0
 
 
-def replying(**told: Any) -> Facts:
+def replying(**told: Any) -> DeviceHealth:
     """HEALTHY but for what the tracker's replies have told."""
     return replace(HEALTHY, replies=replace(HEALTHY.replies, **told))
 
@@ -115,7 +115,7 @@ def test_a_hidden_probe_is_not_verified_and_no_fault(status: PoseStatus) -> None
 
 
 def test_nothing_has_failed_for_longer_than_the_service_runs() -> None:
-    checks = watch_devices(NOW_NS, Facts(started_ns=NOW_NS - 7_000_000), TIMEOUTS)
+    checks = watch_devices(NOW_NS, DeviceHealth(started_ns=NOW_NS - 7_000_000), TIMEOUTS)
     assert max(check.value for check in checks) == 7.0
 
 

@@ -15,8 +15,8 @@ from appliance.limits import Limits
 from appliance.service.devices.source_thread import TrackerThread
 from appliance.storage.calibration_file import write_calibration
 from appliance.supervision.timeline import Judging, Timeline
+from appliance.supervision.watchers.device_health import DeviceHealth, Timeouts
 from appliance.supervision.watchers.devices import watch_devices
-from appliance.supervision.watchers.facts import Facts, Timeouts
 from appliance.types import Calibration, Check, Fault, State, Verdict, VerdictKind
 from drivers.clock.host_clock import HostClock
 from drivers.recordings.metaimage import write_metaimage
@@ -144,8 +144,8 @@ def live_checks(statuses: list[PoseStatus]) -> dict[str, VerdictKind]:
         thread.note(reply(index, status), START_NS + index * PERIOD_NS)
     end_ns = START_NS + (len(statuses) - 1) * PERIOD_NS
     heard = {"heartbeat_ns": end_ns, "output_ns": end_ns, "frame_ns": end_ns}
-    facts = Facts(started_ns=START_NS, replies=thread.replies, **heard)
-    return verdict_of(watch_devices(end_ns, facts, Timeouts(), Limits()))
+    health = DeviceHealth(started_ns=START_NS, replies=thread.replies, **heard)
+    return verdict_of(watch_devices(end_ns, health, Timeouts(), Limits()))
 
 
 def reply(index: int, status: PoseStatus) -> Pose:

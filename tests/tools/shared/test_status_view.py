@@ -21,8 +21,8 @@ from appliance.core.quality.shown import Shown
 from appliance.service.control.status import alarm_fields, check_lists, shown_of_each
 from appliance.supervision.alarms import DISPLAY_COLUMNS
 from appliance.supervision.languages import translated
+from appliance.supervision.watchers.device_health import DeviceHealth, Timeouts
 from appliance.supervision.watchers.devices import watch_devices
-from appliance.supervision.watchers.facts import Facts, Timeouts
 from appliance.types import PARAMETERS, AlarmState, Check, Fault, State, Verdict, VerdictKind
 from tests.support.answering import Answering
 from tests.support.simulated import PROBEWATCH
@@ -61,7 +61,7 @@ def status(language: str = "en", **fields: Any) -> dict[str, Any]:
         "notices": [],
         "verification_age_s": None,
         "checks": [check_fields(0, check) for check in line],
-        "devices": [check_fields(0, check) for check in watch_devices(0, Facts(started_ns=0), Timeouts())],
+        "devices": [check_fields(0, check) for check in watch_devices(0, DeviceHealth(started_ns=0), Timeouts())],
         "audio": {"mode": "paused", "left_s": 33.0},
         "lost": {"tracker ndi:/dev/serial/by-id/usb-FTDI_FT232R_USB": "no such device. Plug it in"},
         "estimator": "killed by SIGKILL, restart 1",
@@ -92,7 +92,7 @@ def test_the_status_fits_and_nothing_of_it_is_cut(columns: int, language: str, l
     assert ("Versatz elevational -28.4 ± 1.5 mm, Grenze 4 mm" if language == "de" else REASON) in whole
     assert "33 s" in whole
     bars = [line for line in lines if line.count("┃")]
-    checks = 9 + len(watch_devices(0, Facts(started_ns=0), Timeouts()))
+    checks = 9 + len(watch_devices(0, DeviceHealth(started_ns=0), Timeouts()))
     assert len(bars) == (checks if columns == 38 else -(-checks // 2))
     assert len({line.index("┃") for line in bars}) == 1
 

@@ -13,8 +13,8 @@ from appliance.core.times import PRESENT_NS
 from appliance.limits import Limits, RequiredAges
 from appliance.service.control.status import ages_at_rest, alarm_fields, check_lists, shown_of_each
 from appliance.supervision.supervisor import TICK_NS, Durations, Inputs, Supervisor
+from appliance.supervision.watchers.device_health import DeviceHealth, Timeouts
 from appliance.supervision.watchers.devices import watch_devices
-from appliance.supervision.watchers.facts import Facts, Timeouts
 from appliance.types import State, Verdict, VerdictKind
 from drivers.samples import Frame, Matrix4, Pose, PoseStatus, Sample
 from drivers.twins.scene.trajectory import Trajectory
@@ -86,11 +86,11 @@ def looks(at_rest_s: float) -> list[Look]:
     """Of the whole session, twenty a second."""
     limits, durations = Limits(required_age_s=AGES, at_rest_s=at_rest_s), Durations()
     line, supervisor = Line(truth(World(3, settings=SMALL)), limits), Supervisor(durations)
-    facts, verdict, verdicts, next_ns = Facts(started_ns=ORIGIN_NS), None, list[Verdict](), ORIGIN_NS
+    health, verdict, verdicts, next_ns = DeviceHealth(started_ns=ORIGIN_NS), None, list[Verdict](), ORIGIN_NS
     seen = []
     for sample in samples():
         while next_ns < sample.stamp.t_ns:
-            now = replace(facts, heartbeat_ns=next_ns, output_ns=next_ns)
+            now = replace(health, heartbeat_ns=next_ns, output_ns=next_ns)
             devices = watch_devices(next_ns, now, Timeouts(), limits)
             alarm = supervisor.step(next_ns, Inputs(tuple(verdicts), devices))
             verdict = verdicts[-1] if verdicts else verdict
@@ -104,9 +104,9 @@ def looks(at_rest_s: float) -> list[Look]:
             next_ns += TICK_NS
         verdicts += line.step(sample)
         if isinstance(sample, Frame):
-            facts = replace(facts, frame_ns=sample.stamp.t_ns)
+            health = replace(health, frame_ns=sample.stamp.t_ns)
         else:
-            facts = replace(facts, replies=facts.replies.noted(sample.status, sample.stamp.t_ns))
+            health = replace(health, replies=health.replies.noted(sample.status, sample.stamp.t_ns))
     return seen
 
 

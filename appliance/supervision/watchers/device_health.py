@@ -31,7 +31,7 @@ class Replies:
 
 
 @dataclass(frozen=True, slots=True)
-class Facts:
+class DeviceHealth:
     """Arrival times, ns of the host clock; None where there was none since the start.
 
     replies: of the tracker. heartbeat_ns: last word of the present estimator process. output_ns: last write of the
