@@ -181,12 +181,12 @@ class Given:
             raise self.refusal(name, "Use a number from {:g} to {:g}".format(*row.bounds) + unit)
         return value
 
-    def whole(self, name: str) -> int:
+    def integer(self, name: str) -> int:
         """The whole number, or the default of the row."""
-        number = self.whole_or_none(name)
+        number = self.integer_or_none(name)
         return int(self._rows[name].default) if number is None else number
 
-    def whole_or_none(self, name: str) -> int | None:
+    def integer_or_none(self, name: str) -> int | None:
         """None where it is not given, whatever the row says of that."""
         text, row = self.text(name), self._rows[name]
         if text is None:

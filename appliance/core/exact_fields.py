@@ -80,10 +80,10 @@ def settings_of(fields: Header) -> EstimatorSettings:
     """Of settings_fields."""
     limits, relative_pose = Limits.model_validate(fields["limits"]), fields.get("relative_pose")
     return EstimatorSettings(
-        whole(fields["generation"]),
+        integer(fields["generation"]),
         calibration_of(fields["reference"]),
         limits,
-        whole(fields["stale_ns"]),
+        integer(fields["stale_ns"]),
         None if relative_pose is None else _array(relative_pose, (4, 4)),
     )
 
@@ -91,8 +91,8 @@ def settings_of(fields: Header) -> EstimatorSettings:
 def calibration_of(fields: Header) -> Calibration:
     """Of calibration_fields."""
     covariance = fields["covariance"]
-    lateral, axial = map(whole, fields["polarity"])
-    width, height = map(whole, fields["image_size_px"])
+    lateral, axial = map(integer, fields["polarity"])
+    width, height = map(integer, fields["image_size_px"])
     return Calibration(
         rotation=_array(fields["rotation"], (3, 3)),
         polarity=(lateral, axial),
@@ -109,13 +109,13 @@ def calibration_of(fields: Header) -> Calibration:
 def verdict_of(fields: Header) -> Verdict:
     """Of verdict_fields."""
     return Verdict(
-        t_ns=whole(fields["t_ns"]),
+        t_ns=integer(fields["t_ns"]),
         kind=VerdictKind(fields["verdict"]),
         checks=tuple(_check(check) for check in fields["checks"]),
         fault=None if fields["fault"] is None else Fault(fields["fault"]),
         reason=str(fields["reason"]),
-        verified_ns=_whole_or_none(fields["verified_ns"]),
-        expires_ns=_whole_or_none(fields["expires_ns"]),
+        verified_ns=_integer_or_none(fields["verified_ns"]),
+        expires_ns=_integer_or_none(fields["expires_ns"]),
         rivals=tuple(Rival(_check(rival["check"]), float(rival["behind_nats"])) for rival in fields.get("rivals", ())),
         point=None if fields.get("point") is None else _point(fields["point"]),
     )
@@ -123,7 +123,7 @@ def verdict_of(fields: Header) -> Verdict:
 
 def stamp_of(fields: Header) -> Stamp:
     """Of stamp_fields."""
-    return Stamp(whole(fields["t_ns"]), whole(fields["err_ns"]))
+    return Stamp(integer(fields["t_ns"]), integer(fields["err_ns"]))
 
 
 def pose_of(fields: Header) -> Pose:
@@ -131,7 +131,7 @@ def pose_of(fields: Header) -> Pose:
     matrix, witness = fields["matrix"], fields.get("witness")
     return Pose(
         stamp_of(fields),
-        whole(fields["sequence"]),
+        integer(fields["sequence"]),
         None if matrix is None else _array(matrix, (4, 4)),
         float(fields["rms_mm"]),
         PoseStatus[fields["status"]],
@@ -140,7 +140,7 @@ def pose_of(fields: Header) -> Pose:
     )
 
 
-def whole(value: Any) -> int:
+def integer(value: Any) -> int:
     """The same number; a flag is none."""
     if not isinstance(value, int) or isinstance(value, bool):
         raise ValueError(f"{value!r} is not a whole number")
@@ -183,7 +183,7 @@ def _point(fields: Header) -> PointError:
         median_mm=_pair(fields["median_mm"]),
         depth_mm=None if depth is None else float(depth),
         at_depth_mm=None if deep is None else _pair(deep),
-        shown_ns=whole(fields["shown_ns"]),
+        shown_ns=integer(fields["shown_ns"]),
     )
 
 
@@ -201,8 +201,8 @@ def _check(fields: Header) -> Check:
         unit=str(fields["unit"]),
         limit=float(fields["limit"]),
         verdict=VerdictKind(fields["verdict"]),
-        shown_ns=_whole_or_none(fields["shown_ns"]),
-        rested_ns=whole(fields.get("rested_ns", 0)),
+        shown_ns=_integer_or_none(fields["shown_ns"]),
+        rested_ns=integer(fields.get("rested_ns", 0)),
     )
 
 
@@ -223,5 +223,5 @@ def _number_or_none(value: Any) -> float | None:
     return None if value is None else float(value)
 
 
-def _whole_or_none(value: Any) -> int | None:
-    return None if value is None else whole(value)
+def _integer_or_none(value: Any) -> int | None:
+    return None if value is None else integer(value)

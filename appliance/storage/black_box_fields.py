@@ -12,6 +12,7 @@ import numpy as np
 
 from appliance.core.estimator_settings import EstimatorSettings
 from appliance.core.exact_fields import (
+    integer,
     pose_fields,
     pose_of,
     settings_fields,
@@ -20,7 +21,6 @@ from appliance.core.exact_fields import (
     stamp_of,
     verdict_fields,
     verdict_of,
-    whole,
 )
 from appliance.types import Calibration, Verdict
 from drivers.samples import Frame, Pose
@@ -135,7 +135,7 @@ def _picture(frame: Frame) -> dict[str, Any]:
 
 
 def _frame(fields: Mapping[str, Any]) -> Frame:
-    height, width = whole(fields["height"]), whole(fields["width"])
+    height, width = integer(fields["height"]), integer(fields["width"])
     data = np.frombuffer(base64.b64decode(fields["data"], validate=True), np.uint8)
     possible = 0 < height <= _MOST_SIDE_PX and 0 < width <= _MOST_SIDE_PX and height * width <= _MOST_PIXELS
     if not possible or _png_size(data) != (width, height):
@@ -143,7 +143,7 @@ def _frame(fields: Mapping[str, Any]) -> Frame:
     image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
     if image is None or image.dtype != np.uint8 or image.shape != (height, width):
         raise ValueError("a picture of /picture is not an 8-bit grey PNG")
-    return Frame(stamp_of(dict(fields)), whole(fields["sequence"]), np.asarray(image, np.uint8))
+    return Frame(stamp_of(dict(fields)), integer(fields["sequence"]), np.asarray(image, np.uint8))
 
 
 def _png_size(data: np.ndarray[Any, np.dtype[np.uint8]]) -> tuple[int, int]:
@@ -155,12 +155,12 @@ def _png_size(data: np.ndarray[Any, np.dtype[np.uint8]]) -> tuple[int, int]:
 def _begun(fields: Mapping[str, Any]) -> Begun:
     simulated = tuple(str(url) for url in fields["simulated"])
     software, utc, session, text = (str(fields[name]) for name in ("software", "utc", "session", "text"))
-    format_, t_ns, part = (whole(fields[name]) for name in ("format", "t_ns", "part"))
-    return Begun(format_, software, utc, t_ns, session, part, simulated, text, whole(fields["every"]))
+    format_, t_ns, part = (integer(fields[name]) for name in ("format", "t_ns", "part"))
+    return Begun(format_, software, utc, t_ns, session, part, simulated, text, integer(fields["every"]))
 
 
 def _gap(fields: Mapping[str, Any]) -> Gap:
-    return Gap(str(fields["reason"]), whole(fields["samples"]))
+    return Gap(str(fields["reason"]), integer(fields["samples"]))
 
 
 def _made(made: Made) -> dict[str, Any]:
@@ -171,7 +171,7 @@ def _read_made(fields: Mapping[str, Any]) -> Made:
     settings = None if fields["order"] is None else settings_of(fields["order"])
     if settings is not None and not _sane(settings.reference):
         raise ValueError("the reference of /order is not a calibration of a probe")
-    return Made(settings, whole(fields["step"]))
+    return Made(settings, integer(fields["step"]))
 
 
 def _sane(reference: Calibration) -> bool:

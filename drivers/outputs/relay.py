@@ -71,7 +71,7 @@ def open_output(target: str, options: dict[str, str], clock: HostClock) -> "Rela
 def checked(target: str, options: dict[str, str]) -> tuple[int, str, Heartbeat]:
     """(channel, confirm, heartbeat). Raises ConfigurationError naming the option."""
     given = RELAY.given(options, f"relay:{target}")
-    return given.whole("channel"), given.word("confirm"), heartbeat_from(given)
+    return given.integer("channel"), given.word("confirm"), heartbeat_from(given)
 
 
 class RelayOutput:

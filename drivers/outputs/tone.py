@@ -57,7 +57,7 @@ def open_output(target: str, options: dict[str, str], clock: HostClock) -> "Tone
 def checked(target: str, options: dict[str, str]) -> tuple[str, str, int]:
     """(player, target, pitch, Hz). Raises ConfigurationError naming the option, or the player that is not installed."""
     given = TONE.given(options, f"tone:{target}")
-    pitch_hz = given.whole("pitch")
+    pitch_hz = given.integer("pitch")
     player = shutil.which("aplay")
     if player is None:
         raise ConfigurationError("the player aplay is not installed", given.where, "Install it: apt install alsa-utils")

@@ -16,6 +16,7 @@ import numpy as np
 from appliance.core.estimator_settings import EstimatorSettings
 from appliance.core.exact_fields import (
     Header,
+    integer,
     pose_fields,
     pose_of,
     settings_fields,
@@ -24,7 +25,6 @@ from appliance.core.exact_fields import (
     stamp_of,
     verdict_fields,
     verdict_of,
-    whole,
 )
 from appliance.types import Verdict
 from drivers.errors import ProtocolError
@@ -156,7 +156,7 @@ def unpacked(header: bytes, pixels: bytes) -> FeedMessage:
 
 
 def _hello(fields: Header) -> Hello:
-    version = whole(fields["v"])
+    version = integer(fields["v"])
     if version != VERSION:
         raise ValueError(f"version {version}, this reads {VERSION}")
     return Hello(version, str(fields["software"]))
@@ -164,25 +164,25 @@ def _hello(fields: Header) -> Hello:
 
 def _line_started(fields: Header) -> LineStarted:
     settings = fields["order"]
-    return LineStarted(None if settings is None else settings_of(settings), whole(fields["step"]))
+    return LineStarted(None if settings is None else settings_of(settings), integer(fields["step"]))
 
 
 def _pose(fields: Header) -> Taken:
-    return Taken(whole(fields["step"]), pose_of(fields))
+    return Taken(integer(fields["step"]), pose_of(fields))
 
 
 def _frame(fields: Header, pixels: bytes) -> Taken:
-    image: GreyImage = np.frombuffer(pixels, np.uint8).reshape(whole(fields["height"]), whole(fields["width"]))
-    frame = Frame(stamp_of(fields), whole(fields["sequence"]), image)
-    return Taken(whole(fields["step"]), frame, whole(fields["reduced_by"]))
+    image: GreyImage = np.frombuffer(pixels, np.uint8).reshape(integer(fields["height"]), integer(fields["width"]))
+    frame = Frame(stamp_of(fields), integer(fields["sequence"]), image)
+    return Taken(integer(fields["step"]), frame, integer(fields["reduced_by"]))
 
 
 def _judged(fields: Header) -> Judged:
-    return Judged(whole(fields["step"]), verdict_of(fields))
+    return Judged(integer(fields["step"]), verdict_of(fields))
 
 
 def _lost(fields: Header) -> Lost:
-    return Lost(whole(fields["samples"]))
+    return Lost(integer(fields["samples"]))
 
 
 def _refused(fields: Header) -> Refused:

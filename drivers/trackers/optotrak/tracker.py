@@ -91,12 +91,12 @@ def parse_options(options: dict[str, str], where: str) -> OptotrakOptions:
     given = OPTOTRAK.given(options, where)
     log = given.text("log")
     checked = OptotrakOptions(
-        body=given.whole("body"),
-        reference=given.whole_or_none("reference"),
-        witness=given.whole_or_none("witness"),
+        body=given.integer("body"),
+        reference=given.integer_or_none("reference"),
+        witness=given.integer_or_none("witness"),
         single=given.word("mode") == "single",
         order=_ORDERS[given.word("order")],
-        rate_hz=given.whole_or_none("rate"),
+        rate_hz=given.integer_or_none("rate"),
         deadline_ms=given.number("deadline_ms"),
         latency_ms=given.number("latency_ms"),
         log=None if log is None else Path(log),

@@ -72,7 +72,7 @@ class Agreed:
 def wish_from(given: Given) -> Wish:
     """Options size=WIDTHxHEIGHT, rate=HZ, format=CODE, input=NUMBER. Raises ConfigurationError."""
     size_px = _size(given) if given.text("size") else None
-    return Wish(size_px, given.number_or_none("rate"), given.word_or_none("format"), given.whole_or_none("input"))
+    return Wish(size_px, given.number_or_none("rate"), given.word_or_none("format"), given.integer_or_none("input"))
 
 
 def _size(given: Given) -> tuple[int, int]:
