@@ -8,8 +8,8 @@ from collections.abc import Generator
 from typing import NamedTuple, TypeVar
 
 Result = TypeVar("Result")
-Work = Generator[int, None, Result]
-"""Yields before each piece what it costs, µs; returns the result."""
+Steps = Generator[int, None, Result]
+"""A computation in steps: yields before each what it costs, µs, and returns the result."""
 
 
 class Cost(NamedTuple):
@@ -39,11 +39,11 @@ INNOVATIONS, TRIAL = Cost(1000, 2.7), Cost(1500)
 """Whitened disagreement of the sequential test, µs and µs a picture; one start of a change, µs. Measured as above."""
 
 
-def whole(work: Work[Result]) -> Result:
-    """All pieces at once."""
+def run_to_end(steps: Steps[Result]) -> Result:
+    """Runs all steps at once, and returns their result."""
     while True:
         try:
-            next(work)
+            next(steps)
         except StopIteration as done:
             result: Result = done.value
             return result

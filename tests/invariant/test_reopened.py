@@ -20,7 +20,7 @@ from appliance.core.quality.evidence import Evidence
 from appliance.core.quality.examination import Finding
 from appliance.core.quality.rest import Rest
 from appliance.core.quality.verification import Contradiction, Verification
-from appliance.core.spread_work import Work
+from appliance.core.spread_work import Steps
 from appliance.limits import RequiredAges
 from appliance.types import Check, StampedPair, Verdict, VerdictKind
 from tests.invariant import test_invariant as holes
@@ -96,7 +96,7 @@ def test_a_rest_that_nobody_saw_lets_the_contact_outlive_its_evidence(monkeypatc
 def never_named(monkeypatch: pytest.MonkeyPatch) -> None:
     """Confirmation waits for ever: neither the long window nor the sequential test names what is wrong."""
 
-    def nothing(self: Evidence, finding: Finding, whole: PathWindow, now_ns: int) -> Work[None]:
+    def nothing(self: Evidence, finding: Finding, whole: PathWindow, now_ns: int) -> Steps[None]:
         yield from ()
 
     monkeypatch.setattr(Evidence, "_premature", lambda self, failed, now_ns: failed)

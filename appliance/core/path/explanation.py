@@ -15,7 +15,7 @@ from appliance.core.path.conventions import READINGS, Convention, turned_sensors
 from appliance.core.path.latency import MEMORY_S
 from appliance.core.path.steps import SensorSteps, picture_steps
 from appliance.core.path.window import PathWindow
-from appliance.core.spread_work import CONVENTIONS, LAG, LAGS, Work
+from appliance.core.spread_work import CONVENTIONS, LAG, LAGS, Steps
 from appliance.types import Calibration
 from drivers.rigid import Array
 
@@ -80,7 +80,7 @@ class _Fits:
         return int(np.argmin(self.scores))
 
 
-def explain(window: PathWindow, reference: Calibration) -> Work[Explanation | None]:
+def explain(window: PathWindow, reference: Calibration) -> Steps[Explanation | None]:
     """None where there is too little motion, where nothing explains it or where two explain it as well."""
     yield LAGS.of()
     steps = _Steps.of(window, reference)
@@ -94,7 +94,7 @@ def explain(window: PathWindow, reference: Calibration) -> Work[Explanation | No
     return _convincing([now, *_other_conventions(steps, reference)])
 
 
-def recent_lag(window: PathWindow, reference: Calibration, beyond_s: float) -> Work[tuple[int, Explanation] | None]:
+def recent_lag(window: PathWindow, reference: Calibration, beyond_s: float) -> Steps[tuple[int, Explanation] | None]:
     """A lag of more than beyond_s either way in the latest motion, and the stamp since which it explains that.
 
     None where the motion is as short as `explain` looks at anyway, where a lesser lag explains it, or nothing does.

@@ -39,7 +39,7 @@ from appliance.core.path.residual import (
     PathResidual,
 )
 from appliance.core.path.samples import PathSamples
-from appliance.core.spread_work import RESIDUAL, ROUND, Work, whole
+from appliance.core.spread_work import RESIDUAL, ROUND, Steps, run_to_end
 from appliance.core.times import QUIET_BREATH_S
 from appliance.types import Calibration
 from drivers.rigid import Array
@@ -181,12 +181,12 @@ def solve(
     start: noise of a window that shares most of its motion with this one, which is then learned sooner; its habits are
     of breaths that are not in this one. learn: False where the noise is known to be `start`.
     """
-    return whole(solving(samples, reference, prior, start, learn=learn))
+    return run_to_end(solving(samples, reference, prior, start, learn=learn))
 
 
 def solving(
     samples: PathSamples, reference: Calibration, prior: Prior, start: Noise | None = None, *, learn: bool = True
-) -> Work[Solution]:
+) -> Steps[Solution]:
     """As `solve`, in pieces."""
     yield RESIDUAL.of(len(samples.t_s))
     residual = PathResidual.of(samples, reference, prior.planar)
@@ -275,7 +275,7 @@ class _Problem:
         per = np.array([1.0, 1 / span_s, 1 / way_mm, 1 / way_mm**2, 0.0, 1.0, 1.0])
         return Noise(np.outer(np.mean(np.square(left), axis=1), per) / PARTS)
 
-    def solved(self) -> Work[Solution]:
+    def solved(self) -> Steps[Solution]:
         """Noise and estimate by turns; where breathing hides a scale, again with each breath followed."""
         theta, cost_us = self._first, ROUND.of(len(self.residual.blocks) ** 2)
         for _ in range(self._rounds):
@@ -320,7 +320,7 @@ class _Problem:
             return own
         return Breaths.found(blocks, breathing_mm, habit)
 
-    def _with_breaths(self, found: dict[int, Breaths], theta: Array) -> Work[tuple[Array, Array, dict[int, Habit]]]:
+    def _with_breaths(self, found: dict[int, Breaths], theta: Array) -> Steps[tuple[Array, Array, dict[int, Habit]]]:
         """Estimate, noise and breaths by turns: θ, J, and the habits of those that settled."""
         t_s = self.residual.blocks.t_s
         least = _BREATH_ROUNDS if self._noise.noise.followed is None else _BREATH_ROUNDS_ON

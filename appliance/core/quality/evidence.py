@@ -17,7 +17,7 @@ from appliance.core.quality.rest import Rest
 from appliance.core.quality.sequential_test import WINDOW_NS, Accusation, accuse
 from appliance.core.quality.undecided import Choice, undecided
 from appliance.core.quality.verification import Verification, VerificationStatus
-from appliance.core.spread_work import Work
+from appliance.core.spread_work import Steps
 from appliance.core.times import CHANGE_WINDOW_NS, PRESENT_NS, SELDOM_NS, SWEEP_WINDOW_NS
 from appliance.limits import NAMED_NATS, Limits
 from appliance.types import PARAMETERS, Calibration, Check, Fault, VerdictKind
@@ -66,7 +66,7 @@ class Evidence:
         self._long_ns = 0
         self.nats: float | None = None
         self._examiner = Examiner(reference, limits)
-        self._under_way: Work[None] | None = None
+        self._under_way: Steps[None] | None = None
         self._next_us = 0
 
     @property
@@ -248,7 +248,7 @@ class Evidence:
                 self._under_way = None
             self._next_us = cost_us or 0
 
-    def _solving(self, window: PathWindow, now_ns: int) -> Work[None]:
+    def _solving(self, window: PathWindow, now_ns: int) -> Steps[None]:
         """Examine the short window for a change, drop what came before one, and examine what is left. All of it is of
         the motion of then, so that nothing becomes younger by being ready late; whoever forgets any of it, or takes a
         contradiction from elsewhere, drops the rest.
@@ -293,7 +293,7 @@ class Evidence:
         own = next(check for check in self._latest.checks if check.fault is Fault.POLARITY)
         return own.verdict is not VerdictKind.NOT_VERIFIED
 
-    def _accused(self, finding: Finding, whole: PathWindow, now_ns: int) -> Work[Accusation | None]:
+    def _accused(self, finding: Finding, whole: PathWindow, now_ns: int) -> Steps[Accusation | None]:
         """What the sequential test says; each contradiction withdraws the OK, and what was before the change is
         dropped.
 
@@ -326,7 +326,7 @@ class Evidence:
             self._valid_ns = max(self._valid_ns, found.since_ns)
         return found
 
-    def _measure(self, finding: Finding, recent: PathWindow, whole: PathWindow, now_ns: int) -> Work[None]:
+    def _measure(self, finding: Finding, recent: PathWindow, whole: PathWindow, now_ns: int) -> Steps[None]:
         short = without(finding, _SLOW)
         changed = self._changed(short)
         if changed is not None and now_ns >= self._settled_ns:
@@ -377,7 +377,7 @@ class Evidence:
 
     def _measured(
         self, recent: PathWindow, finding: Finding, whole: PathWindow, now_ns: int
-    ) -> Work[tuple[PathWindow, Finding]]:
+    ) -> Steps[tuple[PathWindow, Finding]]:
         """The shortest window that decides, and what it shows: younger motion keeps the contact closed for longer.
 
         finding: of the recent window, where there is nothing before it. While a contradiction stands, the longest is
@@ -422,7 +422,7 @@ class Evidence:
             own = (check for check in checks if (check.name in moot) is not barring)
             self._verification.contradict(own, named, until_ns)
 
-    def _accepted(self, finding: Finding, window: PathWindow, whole: PathWindow, now_ns: int) -> Work[Finding]:
+    def _accepted(self, finding: Finding, window: PathWindow, whole: PathWindow, now_ns: int) -> Steps[Finding]:
         """What the finding shows, or where its window reaches back to the last contradiction of a fault, what motion
         after the contradiction shows.
         """

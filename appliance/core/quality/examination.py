@@ -14,7 +14,7 @@ from appliance.core.path.noise import Noise
 from appliance.core.path.residual import TAU
 from appliance.core.path.solver import PathFit, Prior, Solution, solving
 from appliance.core.path.window import PathWindow
-from appliance.core.spread_work import LATENCY, MISFIT, POLARITY, SAMPLES, Work, whole
+from appliance.core.spread_work import LATENCY, MISFIT, POLARITY, SAMPLES, Steps, run_to_end
 from appliance.limits import Limits
 from appliance.types import Calibration, Check, Fault, VerdictKind
 from drivers.rigid import Array
@@ -109,12 +109,12 @@ def examine(
     start: as in `appliance.core.path.solver.solve`. about_s: latency near which it is looked for; where the fine search
     finds none there, it may be a FAULT, but no OK.
     """
-    return whole(examining(window, reference, limits, start, about_s))
+    return run_to_end(examining(window, reference, limits, start, about_s))
 
 
 def examining(
     window: PathWindow, reference: Calibration, limits: Limits, start: Noise | None, about_s: float
-) -> Work[Finding]:
+) -> Steps[Finding]:
     """As `examine`, in pieces."""
     yield LATENCY.of(len(window))
     lag = window.latency(about_s)
@@ -159,7 +159,7 @@ def examine_nothing(limits: Limits) -> Finding:
 
 def _solved(
     window: PathWindow, reference: Calibration, limits: Limits, lag: Latency | None, start: Noise | None
-) -> Work[tuple[Solution | None, Latency | None]]:
+) -> Steps[tuple[Solution | None, Latency | None]]:
     """Solution and the latency it found; None for what could not be found."""
     try:
         if lag is not None:
@@ -173,7 +173,7 @@ def _solved(
 
 def _solved_far(
     window: PathWindow, reference: Calibration, limits: Limits, start: Noise | None
-) -> Work[tuple[Solution, Latency | None]]:
+) -> Steps[tuple[Solution, Latency | None]]:
     """Where the paths alone tell no latency: from zero, and from where the reference fits best if that is elsewhere."""
     solution, _ = yield from _solved_near(window, reference, 0.0, _UNKNOWN_LATENCY_S, start)
     if window.span_ns < _LEAST_FAR_NS:
@@ -200,7 +200,7 @@ def unchanged(change: Array, limits: Limits) -> bool:
 
 def _solved_near(
     window: PathWindow, reference: Calibration, lag_s: float, doubt_s: float, start: Noise | None
-) -> Work[tuple[Solution, float]]:
+) -> Steps[tuple[Solution, float]]:
     """Solution about one latency, solved again where the first asks for it, and the latency it is linear about."""
     prior = replace(_NEAR, latency_s=doubt_s)
     yield SAMPLES.of(len(window))

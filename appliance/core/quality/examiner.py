@@ -9,7 +9,7 @@ from appliance.core.path.noise import Noise
 from appliance.core.path.window import PathWindow
 from appliance.core.quality.examination import Finding, agreed, examining, latency_of, without
 from appliance.core.quality.noise_memory import NoiseMemory
-from appliance.core.spread_work import Work
+from appliance.core.spread_work import Steps
 from appliance.core.times import SELDOM_NS
 from appliance.limits import Limits
 from appliance.types import Calibration, Fault, VerdictKind
@@ -62,7 +62,7 @@ class Examiner:
         self._drift.clear()
         self._drifted = None
 
-    def examined(self, window: PathWindow, start: Noise | None) -> Work[Finding]:
+    def examined(self, window: PathWindow, start: Noise | None) -> Steps[Finding]:
         """What the window shows; while breathing is not known, a wrong axial scale is a contradiction and not named."""
         finding = yield from examining(window, self._reference, self._limits, start, self.about_s)
         finding = finding if self.noises.breathing_known else without(finding, BREATHED & finding.failed)
@@ -70,7 +70,7 @@ class Examiner:
 
     def look(
         self, remembered: PathWindow, recent: PathWindow, valid_ns: int, before_ns: int, now_ns: int
-    ) -> Work[Finding]:
+    ) -> Steps[Finding]:
         """What the recent window shows, by noise from before_ns; where that leaves the motion unexplained, again by
         what explains it.
 
@@ -86,7 +86,7 @@ class Examiner:
                 finding = yield from self.examined(recent, self.noises.for_window(recent, before_ns))
         return self._carried_on(finding, recent, now_ns)
 
-    def new_lag(self, remembered: PathWindow, now_ns: int) -> Work[int | None]:
+    def new_lag(self, remembered: PathWindow, now_ns: int) -> Steps[int | None]:
         """Stamp since which a lag explains the motion that has just begun; None where none has."""
         beyond_s = self._limits.latency_ms / 1e3 + _SURELY_LATE_S
         found = yield from recent_lag(remembered, self._reference, beyond_s)
@@ -96,7 +96,7 @@ class Examiner:
         self.about_s, self._explained_ns = self.explanation.latency_s, now_ns
         return since_ns
 
-    def _explain(self, window: PathWindow, now_ns: int) -> Work[None]:
+    def _explain(self, window: PathWindow, now_ns: int) -> Steps[None]:
         """Ask what else explains the motion; the fine search moves to a lag beyond its limit until another is found."""
         self._explained_ns = now_ns
         found = yield from explain(window, self._reference)

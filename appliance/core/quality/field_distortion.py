@@ -12,7 +12,7 @@ from scipy.linalg import block_diag
 from appliance.core.quality.bounded_fit import ANYTHING, Fit, anywhere, exact, fitted, spread
 from appliance.core.quality.innovations import Innovations
 from appliance.core.quality.verification import Contradiction
-from appliance.core.spread_work import TRIAL, Work
+from appliance.core.spread_work import TRIAL, Steps
 from appliance.core.times import HELD_NS, SELDOM_NS
 from appliance.limits import WITHDRAWN_NATS
 from appliance.types import Check, Fault, VerdictKind
@@ -47,7 +47,7 @@ _WORTH_NATS = 6.0
 else of the sequential test. More withdraws the OK later."""
 
 
-def distortion_nats(rows: Innovations) -> Work[float | None]:
+def distortion_nats(rows: Innovations) -> Steps[float | None]:
     """By how much slopes explain the window better than the best calibration alone, wherever it is and whatever its
     latency creeps to; None of a window that cannot tell, as it is too short, the probe covers too little, or the tissue
     gives way, which is not the same everywhere (21 nats in a healthy gesture over a half space).

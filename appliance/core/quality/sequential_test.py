@@ -29,7 +29,7 @@ from appliance.core.quality.bounded_fit import (
 )
 from appliance.core.quality.field_distortion import distortion_nats
 from appliance.core.quality.innovations import Innovations
-from appliance.core.spread_work import INNOVATIONS, TRIAL, Work
+from appliance.core.spread_work import INNOVATIONS, TRIAL, Steps
 from appliance.core.times import PRESENT_NS
 from appliance.limits import NAMED_NATS, WITHDRAWN_NATS, Limits
 from appliance.types import Calibration, Check, Fault, Rival, VerdictKind
@@ -91,7 +91,7 @@ def accuse(
     lag_s: float,
     breathing_known: bool,
     ask_bent: bool = False,
-) -> Work[Accusation]:
+) -> Steps[Accusation]:
     """Of the start from which a calibration beyond its limits explains the motion best.
 
     noise: learned from motion before the change, or under the calibration that the motion itself asks for. lag_s: of
@@ -111,7 +111,7 @@ def accuse(
     return replace(found, bent_nats=bent_nats)
 
 
-def _likeliest(rows: Innovations, limits: Limits, lag_s: float) -> Work[Accusation]:
+def _likeliest(rows: Innovations, limits: Limits, lag_s: float) -> Steps[Accusation]:
     """Of all starts."""
     starts = [n for n in sorted({min(n, len(rows)) for n in _STARTS}) if n >= _STARTS[0]]
     best: _Trial | None = None

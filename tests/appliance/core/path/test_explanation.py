@@ -9,7 +9,7 @@ import pytest
 from appliance.core.path.conventions import Convention
 from appliance.core.path.explanation import Explanation, explain, recent_lag
 from appliance.core.path.window import PathWindow, PoseTrack
-from appliance.core.spread_work import whole
+from appliance.core.spread_work import run_to_end
 from appliance.types import Calibration
 from drivers.rigid import Array, inverse, quaternion_from_rotation, rigid, rotation_from_quaternion
 from tests.support.motions import TRUTH, planar_path, tilting_path
@@ -17,7 +17,7 @@ from tests.support.windows import elevational_path, filled
 
 
 def explained(window: PathWindow, reference: Calibration) -> Explanation | None:
-    return whole(explain(window, reference))
+    return run_to_end(explain(window, reference))
 
 
 def tremor_path(t_s: Array) -> Array:
@@ -155,7 +155,7 @@ def test_motion_that_has_nothing_to_do_with_the_poses_is_not_explained() -> None
 @pytest.mark.parametrize("late_s", [0.1, -0.3])
 def test_a_lag_of_the_latest_motion_is_found_with_the_time_since_which_it_explains_it(late_s: float) -> None:
     window = filled(tilting_path, 3.0, 2, late_s=late_s)
-    found = whole(recent_lag(window, TRUTH, 0.08))
+    found = run_to_end(recent_lag(window, TRUTH, 0.08))
     assert found is not None
     since_ns, explanation = found
     assert explanation.latency_s == pytest.approx(late_s, abs=0.02)
@@ -169,4 +169,4 @@ def test_a_lag_of_the_latest_motion_is_found_with_the_time_since_which_it_explai
 def test_no_lag_is_found_where_a_lesser_one_explains_the_motion_or_there_is_too_little(
     path: Callable[[Array], Array], seconds: float, late_s: float
 ) -> None:
-    assert whole(recent_lag(filled(path, seconds, 2, late_s=late_s), TRUTH, 0.08)) is None
+    assert run_to_end(recent_lag(filled(path, seconds, 2, late_s=late_s), TRUTH, 0.08)) is None

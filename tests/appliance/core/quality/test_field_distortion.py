@@ -14,7 +14,7 @@ from appliance.core.quality.field_distortion import DOUBTED_NATS, NAME, FieldDis
 from appliance.core.quality.innovations import Innovations
 from appliance.core.quality.judgement import judge
 from appliance.core.quality.verification import VerificationStatus
-from appliance.core.spread_work import whole
+from appliance.core.spread_work import run_to_end
 from appliance.limits import NAMED_NATS, Limits
 from appliance.supervision.supervisor import Durations, Inputs, Supervisor
 from appliance.types import Check, Fault, Verdict, VerdictKind
@@ -94,7 +94,7 @@ def test_one_pose_far_away_is_no_evidence() -> None:
 
     for seed in range(3):
         window = filled(tilting_path, 9.0, seed, field=leaping)
-        nats = whole(distortion_nats(Innovations(window, TRUTH, known(), 0.0)))
+        nats = run_to_end(distortion_nats(Innovations(window, TRUTH, known(), 0.0)))
         assert nats is not None
         assert nats < 2.0
 
@@ -106,7 +106,7 @@ def test_over_less_than_a_breath_nothing_is_told_from_a_breath() -> None:
     def told(breathing_mm: float) -> float | None:
         variances = known().variances.copy()
         variances[1, BREATHING] = breathing_mm**2
-        return whole(distortion_nats(Innovations(bent, TRUTH, replace(known(), variances=variances), 0.0)))
+        return run_to_end(distortion_nats(Innovations(bent, TRUTH, replace(known(), variances=variances), 0.0)))
 
     assert (told(2.0) or 0.0) > DOUBTED_NATS
     assert told(30.0) is None

@@ -15,7 +15,7 @@ from appliance.core.quality.judgement import judge
 from appliance.core.quality.rest import Rest
 from appliance.core.quality.sequential_test import Accusation, accuse
 from appliance.core.quality.verification import Verification
-from appliance.core.spread_work import whole
+from appliance.core.spread_work import run_to_end
 from appliance.limits import NAMED_NATS, Limits
 from appliance.types import Calibration, VerdictKind
 from drivers.rigid import Array, rigid, rotation_from_vector
@@ -34,7 +34,7 @@ def known(position_mm: float = 0.1, angle_deg: float = 0.02) -> Noise:
 
 
 def accused(window: PathWindow, noise: Noise | None = None) -> Accusation | None:
-    found = whole(accuse(window, TRUTH, LIMITS, noise or known(), 0.0, breathing_known=True))
+    found = run_to_end(accuse(window, TRUTH, LIMITS, noise or known(), 0.0, breathing_known=True))
     return found if found.checks else None
 
 
