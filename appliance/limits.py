@@ -47,7 +47,7 @@ slower than the slip watch finds, untold for longer.
 AT_REST_S = MAX_VERIFICATION_AGE_S - SWEPT_AGE_S
 """How much longer both count while the probe is held still: what sweeps show then reaches the longest age. Less asks
 for motion amid a puncture; more does nothing unless that one is raised as well, and then trusts what a rest can see
-(appliance.core.quality.rest) for longer."""
+(appliance.core.quality.stationary_time) for longer."""
 
 
 class RequiredAges(BaseModel):

@@ -150,9 +150,9 @@ class Line:
         return self._evidence.nats
 
     @property
-    def rests(self) -> tuple[tuple[int, int], ...]:
-        """As of `Rest`."""
-        return self._evidence.rest.rests
+    def stationary_spans(self) -> tuple[tuple[int, int], ...]:
+        """As of `StationaryTime`."""
+        return self._evidence.stationary.spans
 
     @property
     def reference(self) -> Calibration:
@@ -343,7 +343,7 @@ class Line:
         seen = self._observed(item, tracked)
         motion = self._analyse(item, tracked) if isinstance(item, StampedPair) else None
         if isinstance(item, StampedPair):
-            self._evidence.rest.step(frame.stamp.t_ns, item.matrix, self._tracker)
+            self._evidence.stationary.step(frame.stamp.t_ns, item.matrix, self._tracker)
             self._evidence.points.pace.step(frame.stamp.t_ns, item.matrix)
         if self._seen(seen):
             self._tracker.renew_keyframe()

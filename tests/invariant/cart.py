@@ -319,7 +319,7 @@ class Cart:
         self.alarm = alarm
         lively_in_view = self.circumstances.in_view and self.circumstances.moving
         blank = self.circumstances.blank and self._discerning
-        rests = self.line.rests
+        rests = self.line.stationary_spans
         for broken in self.oracle.tick(now_ns, lively_in_view, blank, alarm, self.newest, rests):
             self.broken.append((self.t_s, broken))
             if broken.clause in self._enforced:

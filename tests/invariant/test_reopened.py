@@ -18,7 +18,7 @@ from appliance.core.line import Line
 from appliance.core.path.window import PathWindow
 from appliance.core.quality.evidence import Evidence
 from appliance.core.quality.examination import Finding
-from appliance.core.quality.rest import Rest
+from appliance.core.quality.stationary_time import StationaryTime
 from appliance.core.quality.verification import Contradiction, Verification
 from appliance.core.spread_work import Steps
 from appliance.limits import RequiredAges
@@ -88,7 +88,7 @@ def test_a_rest_that_nobody_saw_lets_the_contact_outlive_its_evidence(monkeypatc
     asked = RequiredAges.model_validate(dict.fromkeys(SHIPPED.ages_s, 8.0))
     cart = verified_cart(1, fps=holes.SLOW, asked=asked, at_rest_s=4.0)
     cart.meet(moving=False)
-    monkeypatch.setattr(Rest, "since", lambda self, t_ns, lasting=False: 60 * 10**9)
+    monkeypatch.setattr(StationaryTime, "since", lambda self, t_ns, lasting=False: 60 * 10**9)
     with pytest.raises(Broken, match="the last motion that showed"):
         cart.run(20.0)
 

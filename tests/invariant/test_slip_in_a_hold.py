@@ -2,7 +2,7 @@
 
 import pytest
 
-from appliance.core.quality import rest
+from appliance.core.quality import stationary_time
 from tests.support.kept_pictures import sessions
 from tools.study import hazard
 from tools.study.hazard import Hazard
@@ -25,7 +25,7 @@ def test_no_rest_carries_an_ok_across_a_slide_that_no_picture_could_show(
     monkeypatch.setattr(hazard, "ONSET_S", SLIDES_S)
     monkeypatch.setattr(hazard, "CREEP_S", FOR_S)
     if blind_s is not None:
-        monkeypatch.setattr(rest, "_BLIND_NS", round(blind_s * 1e9))
+        monkeypatch.setattr(stationary_time, "_BLIND_NS", round(blind_s * 1e9))
     session = Session("gesture-hold", "breathing", 1, 50.0)
     outcome = run(Conditions(session, Hazard.parse("slide-elevational=-5@creeping")), rendered(session, sessions()))
     assert outcome.closed > 0.5, "it was verified before"

@@ -13,8 +13,8 @@ from appliance.core.quality.examination import Finding, examine, examine_nothing
 from appliance.core.quality.examiner import BREATHED, Examiner
 from appliance.core.quality.field_distortion import FieldDistortion
 from appliance.core.quality.point_watch import PointWatch
-from appliance.core.quality.rest import Rest
 from appliance.core.quality.sequential_test import WINDOW_NS, Accusation, accuse
+from appliance.core.quality.stationary_time import StationaryTime
 from appliance.core.quality.undecided import Choice, undecided
 from appliance.core.quality.verification import Verification, VerificationStatus
 from appliance.core.spread_work import Steps
@@ -54,9 +54,9 @@ class Evidence:
         self._nothing = examine_nothing(limits)
         self._choice = Choice()
         self.distortion = FieldDistortion(limits.named_nats)
-        self.rest = Rest(limits, reference)
+        self.stationary = StationaryTime(limits, reference)
         self.points = PointWatch(reference, limits)
-        self._verification = Verification(limits, self.rest)
+        self._verification = Verification(limits, self.stationary)
         self._latest = self._best = self._nothing
         self._suspects: frozenset[str] = frozenset()
         self._culprits: dict[str, float] = {}
@@ -104,7 +104,7 @@ class Evidence:
     def _start_over(self, elsewhere: bool) -> None:
         self._under_way = None
         self.window.restart(elsewhere)
-        self.rest.restart()
+        self.stationary.restart()
         self.points.restart()
         self._verification.restart()
         self._latest = self._nothing
@@ -119,7 +119,7 @@ class Evidence:
         """Motion at or after since_ns was stamped wrongly."""
         self._under_way = None
         self.window.forget(since_ns)
-        self.rest.forget(since_ns)
+        self.stationary.forget(since_ns)
         self.points.restart()
         self._verification.forget(since_ns)
         self.distortion.forget(since_ns)
@@ -135,7 +135,7 @@ class Evidence:
         """Poses at or after since_ns were stamped wrongly."""
         self._under_way = None
         self.window.poses.forget(since_ns)
-        self.rest.forget(since_ns)
+        self.stationary.forget(since_ns)
         self.points.pace.restart()
 
     def checks(self) -> tuple[Check, ...]:

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from math import isfinite
 
-from appliance.core.quality.rest import Rest
+from appliance.core.quality.stationary_time import StationaryTime
 from appliance.limits import Limits
 from appliance.types import PARAMETERS, Check, Rival, VerdictKind
 
@@ -46,12 +46,12 @@ class VerificationStatus:
 
 
 class Verification:
-    """Keeps, for each parameter, when motion last showed it and the last contradiction of it. rest: for how long the
-    probe rested since then, which extends the ages.
+    """Keeps, for each parameter, when motion last showed it and the last contradiction of it. stationary: for how long
+    the probe rested since then, which extends the ages.
     """
 
-    def __init__(self, limits: Limits, rest: Rest) -> None:
-        self._rest = rest
+    def __init__(self, limits: Limits, stationary: StationaryTime) -> None:
+        self._stationary = stationary
         self._confidence_sigma = limits.confidence_sigma
         self._ages_s = limits.required_age_s.ages_s
         self._shown_ns: dict[str, int] = {}
@@ -87,7 +87,7 @@ class Verification:
         it shows none, and may have changed all the while.
         """
         shown_ns = self._shown_ns.get(name)
-        return 0 if shown_ns is None else self._rest.since(shown_ns, lasting=name == "latency")
+        return 0 if shown_ns is None else self._stationary.since(shown_ns, lasting=name == "latency")
 
     @property
     def rivals(self) -> tuple[Rival, ...]:

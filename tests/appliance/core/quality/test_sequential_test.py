@@ -12,8 +12,8 @@ from appliance.core.path.solver import Prior, solve
 from appliance.core.path.window import PathWindow
 from appliance.core.quality.bounded_fit import minimum
 from appliance.core.quality.judgement import judge
-from appliance.core.quality.rest import Rest
 from appliance.core.quality.sequential_test import Accusation, accuse
+from appliance.core.quality.stationary_time import StationaryTime
 from appliance.core.quality.verification import Verification
 from appliance.core.spread_work import run_to_end
 from appliance.limits import NAMED_NATS, Limits
@@ -189,7 +189,7 @@ def test_both_are_told_with_the_motion_that_tells_which() -> None:
     """As a person reads it, until one of them is shown to be in order."""
     found = accused(filled(in_step, 5.0, 2, truth=SLID))
     assert found is not None
-    verification = Verification(LIMITS, Rest(LIMITS, TRUTH))
+    verification = Verification(LIMITS, StationaryTime(LIMITS, TRUTH))
     verification.accuse(found.checks, found.named, 5, found.rivals)
     verdict = judge(5, (), verification.status)
     assert (verdict.kind, verdict.rivals) == (VerdictKind.NOT_VERIFIED, found.rivals)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from appliance.core.quality.rest import Rest
+from appliance.core.quality.stationary_time import StationaryTime
 from appliance.core.quality.verification import Verification
 from appliance.limits import Limits, RequiredAges
 from appliance.types import PARAMETERS, Check, Fault, Rival, VerdictKind
@@ -19,7 +19,7 @@ LIMIT = 4.0
 REQUIRED = Limits().required_age_s.names
 
 
-class Rested(Rest):
+class Rested(StationaryTime):
     """For a given time, and still."""
 
     def __init__(self, limits: Limits, rested_s: float = 0.0) -> None:

@@ -1,4 +1,4 @@
-"""For how long the probe has rested, by tracker and picture together: meanwhile nothing need be shown again.
+"""For how long the probe was stationary, by tracker and picture together: meanwhile nothing need be shown again.
 
 A probe that is held still shows nothing of its calibration. But while the tracker has the marker body where it was, and
 the picture has the tissue where it was, the body sits on the probe as it did, and the picture is as large and as much
@@ -47,18 +47,19 @@ breathing sessions, 6 s in 15, chosen on eight of them (`probewatch study`, gest
 _BLIND_NS = 1_000_000_000
 """For how long, before the tracker leaves, no picture was like the anchor: then the picture could not tell a hand that
 went on from a marker body that slipped, and they count as parted. Shorter does so where a hand turns back in a gesture,
-longer lets a slip soon after the hand's rest pass for the hand's (tests/appliance/core/quality/test_rest.py)."""
+longer lets a slip soon after the hand's rest pass for the hand's
+(tests/appliance/core/quality/test_stationary_time.py)."""
 _STIRS, _STIRRED_MM, _STIRS_MEAN = 1 / 3, 0.3, 20
 """Share of what the tracker moves by in the plane from comparison to comparison, root of the mean square, that the
 picture must move by, once the tracker moves by more than this; and comparisons in the mean, 3 s. A hand's tremor stirs
 both: a picture that it does not stir was frozen, though noise lies over it. A higher share or a lower way ends the rest
 of a probe in a holder before a noisy tracker, a lower share or a higher way lets a frozen picture rest with a calm hand
-(tests/appliance/core/quality/test_rest.py)."""
+(tests/appliance/core/quality/test_stationary_time.py)."""
 _NEAR_NS, _LEAST_NS = 6_000_000_000, 1_000_000_000
 """Within which of what was shown the rest must begin, and how long it must be to be one: what is shown is as old as the
 middle of a gesture, and that motion goes on to the rest. Less gives a rest after a gesture nothing; more counts what a
 sweep that shows nothing may hide. Where the hand turns back it is at one place for half a second."""
-_MOST_RESTS = 100
+_MOST_SPANS = 100
 """Kept, the newest. None but the last is shorter than a second, so these reach back by more than any age."""
 
 
@@ -84,8 +85,8 @@ class _Span:
         return self.end_ns - self.start_ns > _LEAST_NS
 
 
-class Rest:
-    """Takes every picture with its pose; tells how long the probe rested since any time."""
+class StationaryTime:
+    """Takes every picture with its pose, and gives the time for which the probe was stationary since any moment."""
 
     def __init__(self, limits: Limits, reference: Calibration) -> None:
         self._reference = reference
@@ -96,7 +97,7 @@ class Rest:
 
     def restart(self) -> None:
         """Whatever was before says nothing of what comes."""
-        self._spans: deque[_Span] = deque(maxlen=_MOST_RESTS)
+        self._spans: deque[_Span] = deque(maxlen=_MOST_SPANS)
         self._anchor: Matrix4 | None = None
         self._pose: Matrix4 | None = None
         self._parting = self._elsewhere = False
@@ -148,7 +149,7 @@ class Rest:
         return min(first.end_ns - max(first.start_ns, t_ns), self._most_ns)
 
     @property
-    def rests(self) -> tuple[tuple[int, int], ...]:
+    def spans(self) -> tuple[tuple[int, int], ...]:
         """First and last picture of each rest that is remembered, ns; the last may not be long enough yet to be one."""
         return tuple((span.start_ns, span.end_ns) for span in self._spans)
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from appliance.core.quality.rest import Rest
+from appliance.core.quality.stationary_time import StationaryTime
 from appliance.core.registration.keyframe import Registration
 from appliance.limits import Limits
 from appliance.types import Calibration
@@ -55,7 +55,7 @@ class Scene:
     """Pictures and poses one after the other. way: (6,) of the picture plane since the start as the tracker has it, mm
     and deg."""
 
-    rest: Rest = field(default_factory=lambda: Rest(LIMITS, REFERENCE))
+    stationary: StationaryTime = field(default_factory=lambda: StationaryTime(LIMITS, REFERENCE))
     pictures: Pictures = field(default_factory=Pictures)
     count: int = 0
     random: np.random.Generator = field(default_factory=lambda: np.random.default_rng(1))
@@ -72,7 +72,7 @@ class Scene:
         self.count += 1
         own = way + np.array([*self.random.normal(0, noise_mm, 3), *self.random.normal(0, turn_noise_deg, 3)])
         self.pictures.tissue, self.pictures.likeness = tissue, likeness
-        self.rest.step(self.count * PERIOD_NS, self.pose(own), self.pictures)
+        self.stationary.step(self.count * PERIOD_NS, self.pose(own), self.pictures)
 
     @staticmethod
     def pose(way: Array) -> Matrix4:
@@ -81,7 +81,7 @@ class Scene:
         return np.asarray(AT @ inverse(X) @ inverse(A) @ X)
 
     def rested_s(self, since_s: float = 0.0) -> float:
-        return self.rest.since(round(since_s * 1e9)) / 1e9
+        return self.stationary.since(round(since_s * 1e9)) / 1e9
 
 
 def test_a_hand_with_a_tremor_rests() -> None:
@@ -91,11 +91,11 @@ def test_a_hand_with_a_tremor_rests() -> None:
         scene.picture(np.array([x, y, z, 0, 0, 0]), np.array([x, y, 0.0]), likeness=np.exp(-(z**2)))
     assert scene.rested_s() > 58
     assert scene.rested_s(50.0) == pytest.approx(10, abs=1)
-    assert scene.rest.since(0, lasting=True) == scene.rest.since(0)
+    assert scene.stationary.since(0, lasting=True) == scene.stationary.since(0)
 
 
 def test_it_counts_for_no_longer_than_is_configured() -> None:
-    scene = Scene(Rest(Limits(at_rest_s=5), REFERENCE))
+    scene = Scene(StationaryTime(Limits(at_rest_s=5), REFERENCE))
     for _ in range(20 * FPS):
         scene.picture()
     assert scene.rested_s() == 5
@@ -112,7 +112,7 @@ def test_a_probe_that_is_moved_does_not_rest(axis: int) -> None:
         scene.picture(away, away[[0, 1, 5]], likeness=0.5)
     assert scene.pictures.anchors == 2
     assert scene.rested_s() == pytest.approx(3, abs=0.2)
-    assert scene.rest.since(0, lasting=True) == 0
+    assert scene.stationary.since(0, lasting=True) == 0
 
 
 def test_a_probe_that_is_back_soon_has_rested_all_the_while() -> None:
@@ -220,7 +220,7 @@ def test_a_tracker_that_repeats_itself_shows_no_rest() -> None:
         scene.random.bit_generator.state = state
         scene.picture()
     assert scene.rested_s() <= before_s + 0.2
-    assert scene.rest.since(0, lasting=True) == 0
+    assert scene.stationary.since(0, lasting=True) == 0
 
 
 def test_what_is_forgotten_is_no_rest() -> None:
@@ -229,10 +229,10 @@ def test_what_is_forgotten_is_no_rest() -> None:
         for _ in range(4 * FPS):
             scene.picture(six({0: way_mm}), np.array([way_mm, 0.0, 0.0]))
     assert scene.rested_s(4.5) == pytest.approx(2.9, abs=0.4)
-    scene.rest.forget(5 * 10**9)
+    scene.stationary.forget(5 * 10**9)
     assert scene.rested_s(4.5) == 0
     assert scene.rested_s() == pytest.approx(4, abs=0.3)
-    scene.rest.restart()
+    scene.stationary.restart()
     assert scene.rested_s() == 0
 
 
@@ -262,7 +262,7 @@ def test_a_hand_that_sinks_ends_its_rest_at_a_quarter_of_the_limit(axis: int) ->
         way = six({axis: limit * number / (60 * FPS)})
         scene.picture(way, way[[0, 1, 5]])
     assert scene.rested_s() == pytest.approx(15, abs=2.5)
-    assert scene.rest.since(0, lasting=True) == 0
+    assert scene.stationary.since(0, lasting=True) == 0
 
 
 @pytest.mark.parametrize("axis", [1, 2])
@@ -303,7 +303,7 @@ def test_that_tracker_and_picture_have_parted_outlives_what_was_stamped_wrongly(
         slipped = min(max(number / FPS - 4, 0.0), 1.0) * 8.0
         scene.picture(six({0: slipped}))
     assert scene.rested_s(3.0) <= 1.3
-    scene.rest.forget(9 * 10**9)
+    scene.stationary.forget(9 * 10**9)
     for _ in range(10 * FPS):
         scene.picture(six({0: 8.0}))
     assert scene.rested_s(4.3) == 0
