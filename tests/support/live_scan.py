@@ -12,7 +12,7 @@ from appliance.limits import Limits
 from appliance.service.control.server import ControlRefused, Peer
 from appliance.service.estimator.link import EstimatorSettings, link_pair
 from appliance.service.estimator.ring import FRAMES, Ring, RingFds
-from appliance.service.estimator.tap import Tap, TapFds, Wish
+from appliance.service.estimator.tap import Subscription, Tap, TapFds
 from appliance.service.feed.server import FeedServer
 from appliance.service.host.unix_socket import listening
 from appliance.types import Calibration
@@ -73,11 +73,11 @@ class Scan:
 
     def __enter__(self) -> Self:
         tells, listens = link_pair()
-        self._frames, self._wish = Ring(FRAMES), Wish()
+        self._frames, self._subscription = Ring(FRAMES), Subscription()
         ring = RingFds(*(os.dup(fd) for fd in self._frames.fds))
-        self._tap = Tap(TapFds(tells.detach(), ring, os.dup(self._wish.fd)))
+        self._tap = Tap(TapFds(tells.detach(), ring, os.dup(self._subscription.fd)))
         self._listener = listening(self._service.feed, "", 8)
-        self._feed = FeedServer(self._listener, listens, self._frames, self._wish, frozenset(), "test")
+        self._feed = FeedServer(self._listener, listens, self._frames, self._subscription, frozenset(), "test")
         self._threads = [threading.Thread(target=self._feed.run), threading.Thread(target=self._tell)]
         self._listens: socket.socket = listens
         for thread in self._threads:
@@ -101,6 +101,6 @@ class Scan:
         for thread in self._threads:
             thread.join()
         self._feed.close()
-        for part in (self._listener, self._listens, self._tap, self._frames, self._wish):
+        for part in (self._listener, self._listens, self._tap, self._frames, self._subscription):
             part.close()
         self._service.feed.unlink()

@@ -12,7 +12,7 @@ from appliance.core.estimator_settings import EstimatorSettings
 from appliance.limits import Limits
 from appliance.service.estimator.link import link_pair
 from appliance.service.estimator.ring import FRAMES, Ring, RingFds
-from appliance.service.estimator.tap import FeedCounts, Tap, TapFds, Wish
+from appliance.service.estimator.tap import FeedCounts, Subscription, Tap, TapFds
 from appliance.service.feed.server import FeedServer
 from appliance.service.host.unix_socket import connected, listening
 from appliance.types import Calibration
@@ -29,22 +29,22 @@ class ToldFeed:
         self.path, self.number, self._size_px = path, 0, size_px
         self._listener = listening(path, "", 8)
         tells, self._hears = link_pair()
-        self._frames, self._wish = Ring(FRAMES), Wish()
+        self._frames, self._subscription = Ring(FRAMES), Subscription()
         frames = RingFds(*(os.dup(fd) for fd in self._frames.fds))
-        self.tap = Tap(TapFds(tells.detach(), frames, os.dup(self._wish.fd)))
+        self.tap = Tap(TapFds(tells.detach(), frames, os.dup(self._subscription.fd)))
         calibration = Calibration(np.eye(3), (1, 1), np.array([0.1, 0.1]), np.zeros(3), size_px)
         self.tap.begin(EstimatorSettings(1, calibration, Limits(), 500_000_000))
-        self._server = FeedServer(self._listener, self._hears, self._frames, self._wish, frozenset(), "test")
+        self._server = FeedServer(self._listener, self._hears, self._frames, self._subscription, frozenset(), "test")
         self._thread = threading.Thread(target=self._server.run)
         self._thread.start()
 
     @property
     def counts(self) -> FeedCounts:
-        return self._wish.counts
+        return self._subscription.counts
 
     @property
     def wanted(self) -> int:
-        return self._wish.wanted
+        return self._subscription.wanted
 
     def show(self) -> Frame:
         """The next picture: its grey is its number."""
@@ -69,7 +69,7 @@ class ToldFeed:
         self._thread.join()
         self.tap.close()
         self._server.close()
-        for part in (self._listener, self._hears, self._frames, self._wish):
+        for part in (self._listener, self._hears, self._frames, self._subscription):
             part.close()
         self.path.unlink(missing_ok=True)
 

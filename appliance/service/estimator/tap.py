@@ -26,16 +26,18 @@ _PAGE = mmap.PAGESIZE
 _WANTED, _EPOCH, _COUNTS = 0, 1, 8
 """Places in the page: what is wanted, a count of those who began to want it, and what the status tells of them."""
 _COUNTED = struct.Struct("<3Q")  # clients, lost, dropped
-NOTHING, WORDS, PICTURES = 0, 1, 2
-"""What is wanted. WORDS: all but the pixels."""
+NOTHING, ALL_BUT_PICTURES, PICTURES = 0, 1, 2
+"""What is subscribed to."""
 
 
-class Wish:
-    """The shared page. The feed's process writes it, the estimator reads it; each may die at any time."""
+class Subscription:
+    """What the feed subscribes to, in a shared page. The feed's process writes it, the estimator reads it; each may die
+    at any time.
+    """
 
     def __init__(self, fd: int | None = None) -> None:
         """Raises OSError, and then leaves nothing open that it has made."""
-        self.fd = os.memfd_create("probewatch-wish") if fd is None else fd
+        self.fd = os.memfd_create("probewatch-subscription") if fd is None else fd
         try:
             if fd is None:
                 os.ftruncate(self.fd, _PAGE)
@@ -52,7 +54,7 @@ class Wish:
 
     @property
     def wanted(self) -> int:
-        """NOTHING, WORDS or PICTURES."""
+        """NOTHING, ALL_BUT_PICTURES or PICTURES."""
         return self._page[_WANTED]
 
     @property
@@ -91,17 +93,17 @@ class TapFds(NamedTuple):
 
     packets: int
     frames: RingFds
-    wish: int
+    subscription: int
 
     @classmethod
     def of(cls, numbers: Sequence[int]) -> Self:
         """From five numbers of a command line."""
-        packets, *ring, wish = numbers
-        return cls(packets, RingFds(*ring), wish)
+        packets, *ring, subscription = numbers
+        return cls(packets, RingFds(*ring), subscription)
 
     @property
     def flat(self) -> tuple[int, ...]:
-        return (self.packets, *self.frames, self.wish)
+        return (self.packets, *self.frames, self.subscription)
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,7 +142,7 @@ class Tap:
         self._packets = socket.socket(fileno=fds.packets)
         self._packets.setblocking(False)
         self._frames = Ring(FRAMES, fds.frames)
-        self._wish = Wish(fds.wish)
+        self._subscription = Subscription(fds.subscription)
         self._settings: EstimatorSettings | None = None
         self._step = 0
         self._told_epoch: int | None = None
@@ -152,11 +154,11 @@ class Tap:
     @property
     def wanted(self) -> bool:
         """Whether anybody listens."""
-        return self._wish.wanted != NOTHING
+        return self._subscription.wanted != NOTHING
 
     def tell(self, sample: Sample, verdicts: tuple[Verdict, ...]) -> None:
         """What the line took, or without a line would have taken, and what it said of it."""
-        step, wanted = self._step, self._wish.wanted
+        step, wanted = self._step, self._subscription.wanted
         self._step += 1
         if wanted == NOTHING or not self._has_begun(step):
             return
@@ -171,11 +173,11 @@ class Tap:
         """Release the descriptors."""
         self._packets.close()
         self._frames.close()
-        self._wish.close()
+        self._subscription.close()
 
     def _has_begun(self, step: int) -> bool:
         """Whether the listener has been told by which settings this line works."""
-        epoch = self._wish.epoch
+        epoch = self._subscription.epoch
         if epoch != self._told_epoch and self._send(Begun(self._settings, step)):
             self._told_epoch = epoch
         return epoch == self._told_epoch

@@ -9,7 +9,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from appliance.service.estimator.ring import FRAMES, Ring
-from appliance.service.estimator.tap import NOTHING, TapFds, Wish
+from appliance.service.estimator.tap import NOTHING, Subscription, TapFds
 from appliance.service.feed.server import FeedServer
 from appliance.service.host.child_process import end_with_parent
 
@@ -31,18 +31,18 @@ def main(arguments: list[str]) -> None:
         Path("/proc/self/oom_score_adj").write_text(str(_FIRST_KILLED))
     fds = TapFds.of([int(number) for number in tap])
     without_pictures = frozenset(int(uid) for uid in users.split(",") if uid)
-    wish = Wish(fds.wish)
+    subscription = Subscription(fds.subscription)
     with (
         socket.socket(fileno=int(listener_fd)) as listener,
         socket.socket(fileno=fds.packets) as packets,
         Ring(FRAMES, fds.frames) as frames,
     ):
-        server = FeedServer(listener, packets, frames, wish, without_pictures, version("probewatch"))
+        server = FeedServer(listener, packets, frames, subscription, without_pictures, version("probewatch"))
         try:
             server.run()
         finally:
             server.close()
-            wish.want(NOTHING)
+            subscription.want(NOTHING)
 
 
 if __name__ == "__main__":

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from appliance.service.estimator.link import link_pair
 from appliance.service.estimator.ring import FRAMES, Ring
-from appliance.service.estimator.tap import NOTHING, FeedCounts, TapFds, Wish
+from appliance.service.estimator.tap import NOTHING, FeedCounts, Subscription, TapFds
 from appliance.service.host.child_process import ONE_THREAD
 from appliance.service.host.log import get_log
 from appliance.service.host.unix_socket import listening
@@ -74,7 +74,7 @@ class FeedHost:
     @property
     def counts(self) -> FeedCounts:
         """How it does."""
-        return FeedCounts() if self._tap is None else self._tap.wish.counts
+        return FeedCounts() if self._tap is None else self._tap.subscription.counts
 
     def tap(self) -> TapFds | None:
         """Descriptors for a new estimator; those of the one before, and who listened to it, are let go.
@@ -121,7 +121,7 @@ class FeedHost:
 
     def _start(self, tap: "_TapEnds", now_s: float) -> None:
         assert self._listener is not None
-        fds = (self._listener.fileno(), tap.listens.fileno(), *tap.frames.fds, tap.wish.fd)
+        fds = (self._listener.fileno(), tap.listens.fileno(), *tap.frames.fds, tap.subscription.fd)
         try:
             command = [*self._command, *(str(fd) for fd in fds)]
             self._process = subprocess.Popen(command, pass_fds=fds, env=os.environ | ONE_THREAD)
@@ -135,7 +135,7 @@ class FeedHost:
         """One that ended for want of clients is no death."""
         self._process = None
         assert self._tap is not None
-        self._tap.wish.want(NOTHING)
+        self._tap.subscription.want(NOTHING)
         if code == 0:
             self._wait_s = _FIRST_WAIT_S
             return
@@ -172,12 +172,12 @@ class _TapEnds:
             made.callback(self._tells.close)
             made.callback(self.listens.close)
             self.frames = made.enter_context(Ring(FRAMES))
-            self.wish = Wish()
+            self.subscription = Subscription()
             made.pop_all()
-        self.fds = TapFds(self._tells.fileno(), self.frames.fds, self.wish.fd)
+        self.fds = TapFds(self._tells.fileno(), self.frames.fds, self.subscription.fd)
 
     def close(self) -> None:
         self._tells.close()
         self.listens.close()
         self.frames.close()
-        self.wish.close()
+        self.subscription.close()

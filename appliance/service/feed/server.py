@@ -16,7 +16,17 @@ import numpy as np
 
 from appliance.core.estimator_settings import EstimatorSettings
 from appliance.service.estimator.ring import Ring
-from appliance.service.estimator.tap import NOTHING, PICTURES, WORDS, Begun, FeedCounts, Picture, Taken, Wish, received
+from appliance.service.estimator.tap import (
+    ALL_BUT_PICTURES,
+    NOTHING,
+    PICTURES,
+    Begun,
+    FeedCounts,
+    Picture,
+    Subscription,
+    Taken,
+    received,
+)
 from appliance.service.feed import message
 from appliance.service.feed.request import LONGEST_LINE, FeedRequest, request_of
 from drivers.errors import ProtocolError
@@ -94,8 +104,8 @@ class _Client:
 
 
 class FeedServer:
-    """listener: of the feed's socket. packets, frames, wish: of the tap. without_pictures: users who are shown no
-    pictures.
+    """listener: of the feed's socket. packets, frames, subscription: of the tap. without_pictures: users who are shown
+    no pictures.
 
     run() returns when nobody has listened for some time.
     """
@@ -105,11 +115,11 @@ class FeedServer:
         listener: socket.socket,
         packets: socket.socket,
         frames: Ring,
-        wish: Wish,
+        subscription: Subscription,
         without_pictures: frozenset[int],
         software: str,
     ) -> None:
-        self._listener, self._packets, self._frames, self._wish = listener, packets, frames, wish
+        self._listener, self._packets, self._frames, self._subscription = listener, packets, frames, subscription
         self._without_pictures, self._software = without_pictures, software
         self._clients: list[_Client] = []
         self._pictures: deque[Frame] = deque()
@@ -334,9 +344,9 @@ class FeedServer:
         listening = [client.request for client in self._clients if client.request is not None]
         if not listening:
             self._pictures.clear()
-        wanted = PICTURES if any(one.pictures for one in listening) else WORDS
-        self._wish.want(wanted if listening else NOTHING)
-        self._wish.count(FeedCounts(len(listening), self._lost, self._dropped))
+        wanted = PICTURES if any(one.pictures for one in listening) else ALL_BUT_PICTURES
+        self._subscription.want(wanted if listening else NOTHING)
+        self._subscription.count(FeedCounts(len(listening), self._lost, self._dropped))
 
 
 def _uid(link: socket.socket) -> int:

@@ -7,7 +7,7 @@ from drivers.descriptor import Driver, Given
 from drivers.errors import ConfigurationError
 from drivers.trackers.ndi import NDI
 from drivers.trackers.ndi.identity import ReplyKind
-from drivers.trackers.ndi.tools import ToolWish, parse_wish
+from drivers.trackers.ndi.tools import RequestedTool, parse_wish
 from drivers.trackers.staleness import DEADLINE_MS
 
 _BAUD = 115200
@@ -22,10 +22,10 @@ class TrackerOptions:
     counter_hz: None for the rate that goes with the device. log: where to write the byte log.
     """
 
-    probe: ToolWish | None = None
-    reference: ToolWish | None = None
-    witness: ToolWish | None = None
-    further: tuple[ToolWish, ...] = ()
+    probe: RequestedTool | None = None
+    reference: RequestedTool | None = None
+    witness: RequestedTool | None = None
+    further: tuple[RequestedTool, ...] = ()
     baud: int = _BAUD
     reply: ReplyKind | None = None
     counter_hz: float | None = None
@@ -34,9 +34,13 @@ class TrackerOptions:
     log: Path | None = None
 
     @property
-    def wishes(self) -> tuple[ToolWish, ...]:
+    def requested_tools(self) -> tuple[RequestedTool, ...]:
         """All tools asked for: the probe first, then the reference, then the witness."""
-        return tuple(wish for wish in (self.probe, self.reference, self.witness, *self.further) if wish is not None)
+        return tuple(
+            requested
+            for requested in (self.probe, self.reference, self.witness, *self.further)
+            if requested is not None
+        )
 
 
 def parse_options(options: dict[str, str], where: str, driver: Driver = NDI) -> TrackerOptions:
@@ -49,9 +53,9 @@ def parse_options(options: dict[str, str], where: str, driver: Driver = NDI) -> 
     _refuse_twice(options, where)
     reply, log = given.word_or_none("reply"), given.text("log")
     return TrackerOptions(
-        probe=_wish(given, "probe"),
-        reference=_wish(given, "reference"),
-        witness=_wish(given, "witness"),
+        probe=_requested(given, "probe"),
+        reference=_requested(given, "reference"),
+        witness=_requested(given, "witness"),
         further=tuple(parse_wish(text, where) for text in (given.text("tools") or "").split(",") if text),
         baud=int(given.word("baud")) if driver is NDI else _BAUD,
         reply=None if reply is None else ReplyKind(reply),
@@ -62,7 +66,7 @@ def parse_options(options: dict[str, str], where: str, driver: Driver = NDI) -> 
     )
 
 
-def _wish(given: Given, name: str) -> ToolWish | None:
+def _requested(given: Given, name: str) -> RequestedTool | None:
     text = given.text(name)
     return None if text is None else parse_wish(text, given.where)
 
@@ -85,7 +89,7 @@ def _refuse_twice(options: dict[str, str], where: str) -> None:
             raise ConfigurationError(what, where, remedy)
 
 
-def _same_definition(one: ToolWish, other: ToolWish) -> bool:
+def _same_definition(one: RequestedTool, other: RequestedTool) -> bool:
     return (
         one.definition is not None and other.definition is not None and one.definition.image == other.definition.image
     )

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 
 from drivers.errors import DeviceLost, ProtocolError
 from drivers.trackers.ndi.rom import ToolDefinition, rom_chunks
-from drivers.trackers.ndi.tools import INFORMATION, Tool, ToolInformation, ToolWish, parse_information
+from drivers.trackers.ndi.tools import INFORMATION, RequestedTool, Tool, ToolInformation, parse_information
 from drivers.trackers.ndi.wire import RefusedError
 
 Ask = Callable[[str, str], str]
@@ -31,14 +31,14 @@ class PortHandles:
         self._silent: dict[int, str] = {}
         """Plug → what is wrong with the tool on it, which is not used."""
 
-    def start(self, wishes: tuple[ToolWish, ...]) -> tuple[Tool, ...]:
-        """Enable everything; the tools of the wishes in their order, then all others.
+    def start(self, requested_tools: tuple[RequestedTool, ...]) -> tuple[Tool, ...]:
+        """Enable everything; the tools of the requested_tools in their order, then all others.
 
         Raises DeviceLost where a tool is not there, ProtocolError for replies that make no sense.
         """
-        self._free_handles(any(wish.wireless for wish in wishes))
-        wireless = [self._load(wish) for wish in wishes if wish.wireless]
-        self._initialise(wishes)
+        self._free_handles(any(requested.wireless for requested in requested_tools))
+        wireless = [self._load(requested) for requested in requested_tools if requested.wireless]
+        self._initialise(requested_tools)
         tools = self._enable()
         if not tools and self._silent:
             raise self._unnamed(next(iter(self._silent)))
@@ -46,7 +46,9 @@ class PortHandles:
             remedy = "Plug the tool in, or name its definition file with probe=FILE.rom"
             raise DeviceLost("no tool is connected to the tracker", self._where, remedy)
         waiting = iter(wireless)
-        chosen = [self._by_handle(tools, next(waiting)) if w.wireless else self._by_plug(tools, w) for w in wishes]
+        chosen = [
+            self._by_handle(tools, next(waiting)) if w.wireless else self._by_plug(tools, w) for w in requested_tools
+        ]
         return (*chosen, *(tool for tool in tools if tool not in chosen))
 
     def _free_handles(self, unknown: bool) -> None:
@@ -61,14 +63,14 @@ class PortHandles:
             if unknown if information is None else information.wireless:
                 self._ask("PHF", f"{handle:02X}")
 
-    def _load(self, wish: ToolWish) -> int:
+    def _load(self, requested: RequestedTool) -> int:
         text = self._ask("PHRQ", _ANY_WIRELESS)
         try:
             handle = int(text, 16)
         except ValueError:
             raise ProtocolError(f"PHRQ answered {text[:40]!r}") from None
-        assert wish.definition is not None
-        self._write(handle, wish.definition)
+        assert requested.definition is not None
+        self._write(handle, requested.definition)
         return handle
 
     def _write(self, handle: int, definition: ToolDefinition) -> None:
@@ -76,23 +78,23 @@ class PortHandles:
             self._ask("PVWR", f"{handle:02X}{address:04X}{chunk.hex().upper()}")
         self._loaded[handle] = definition
 
-    def _initialise(self, wishes: tuple[ToolWish, ...]) -> None:
+    def _initialise(self, requested_tools: tuple[RequestedTool, ...]) -> None:
         """Again until none is left: initialising one half of a dual tool brings the other to light."""
         given_up: set[int] = set()
         for _ in range(_ROUNDS):
             waiting = [handle for handle in self._handles("02") if handle not in given_up]
             if not waiting:
                 return
-            given_up |= {handle for handle in waiting if not self._initialised(handle, wishes)}
+            given_up |= {handle for handle in waiting if not self._initialised(handle, requested_tools)}
         raise DeviceLost("tools do not become initialised", self._where, "Unplug the tools and plug them in again")
 
-    def _initialised(self, handle: int, wishes: tuple[ToolWish, ...]) -> bool:
+    def _initialised(self, handle: int, requested_tools: tuple[RequestedTool, ...]) -> bool:
         """A wired tool whose memory cannot be read is left out, unless a definition was named for it."""
         information = None if handle in self._loaded else self._information(handle)
         if information is not None:
-            for wish in wishes:
-                if wish.definition is not None and information.fits(wish):
-                    self._write(handle, wish.definition)
+            for requested in requested_tools:
+                if requested.definition is not None and information.fits(requested):
+                    self._write(handle, requested.definition)
         try:
             self._ask("PINIT", f"{handle:02X}")
         except RefusedError as refusal:
@@ -128,15 +130,15 @@ class PortHandles:
             raise DeviceLost("a loaded tool was not enabled", self._where, "Check its definition file")
         return tool
 
-    def _by_plug(self, tools: tuple[Tool, ...], wish: ToolWish) -> Tool:
-        plugged = (tool for tool in tools if tool.information is not None and tool.information.fits(wish))
+    def _by_plug(self, tools: tuple[Tool, ...], requested: RequestedTool) -> Tool:
+        plugged = (tool for tool in tools if tool.information is not None and tool.information.fits(requested))
         tool = next(plugged, None)
-        if tool is None and wish.socket in self._silent:
-            raise self._unnamed(wish.socket)
+        if tool is None and requested.socket in self._silent:
+            raise self._unnamed(requested.socket)
         if tool is None:
-            half = f", sensor {'ab'[wish.channel]}," if wish.channel else ""
+            half = f", sensor {'ab'[requested.channel]}," if requested.channel else ""
             raise DeviceLost(
-                f"no tool on plug {wish.socket}{half} is ready", self._where, "Plug it in, or correct the number"
+                f"no tool on plug {requested.socket}{half} is ready", self._where, "Plug it in, or correct the number"
             )
         return tool
 

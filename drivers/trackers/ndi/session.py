@@ -9,7 +9,7 @@ from drivers.trackers.ndi.identity import Identity, identity_of
 from drivers.trackers.ndi.link import Link, RebootedError, SilentError, lost_by_protocol, refuse_reset
 from drivers.trackers.ndi.port_handles import PortHandles
 from drivers.trackers.ndi.status_text import BUMPED
-from drivers.trackers.ndi.tools import Tool, ToolWish
+from drivers.trackers.ndi.tools import RequestedTool, Tool
 from drivers.trackers.ndi.transport import FIRST_BAUD
 from drivers.trackers.ndi.wire import Command, RefusedError, decode_text, encode_command
 
@@ -111,10 +111,10 @@ class Session:
         except (RefusedError, ValueError):
             return None
 
-    def start(self, baud: int, wishes: tuple[ToolWish, ...]) -> None:
-        """Bring the device to tracking, with the tools in the order of `wishes` first, then all others it has.
+    def start(self, baud: int, requested_tools: tuple[RequestedTool, ...]) -> None:
+        """Bring the device to tracking, with the tools in the order of `requested_tools` first, then all others it has.
 
-        Without any wish for a wireless tool none is loaded. A reply that is damaged or does not come starts the whole
+        Where no wireless tool is requested none is loaded. A reply that is damaged or does not come starts the whole
         sequence again once the line is quiet, as a late reply must answer nothing else; that is harmless in any state.
 
         Raises DeviceLost, or ConfigurationError for a line speed the device does not have.
@@ -124,7 +124,7 @@ class Session:
                 self._find(baud)
                 self._switch(baud)
                 self.identity = self._ask_identity()
-                self.tools = PortHandles(self.command, self.link.where, self.warnings).start(wishes)
+                self.tools = PortHandles(self.command, self.link.where, self.warnings).start(requested_tools)
                 self.command("TSTART")
                 return
             except RefusedError as error:

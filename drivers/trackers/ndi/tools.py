@@ -19,7 +19,7 @@ _WISH_REMEDY = "Give FILE.rom for a wireless tool, @2 for the one on plug 2, @2b
 
 
 @dataclass(frozen=True, slots=True)
-class ToolWish:
+class RequestedTool:
     """A tool as a URL names it: a definition file, a plug (from 1; channel 1 is the second sensor of a dual tool), or
     both for a wired tool without a memory of its own.
     """
@@ -33,7 +33,7 @@ class ToolWish:
         return self.socket is None
 
 
-def parse_wish(text: str, where: str) -> ToolWish:
+def parse_wish(text: str, where: str) -> RequestedTool:
     """`FILE.rom`, `@2`, `@2b` or `FILE.rom@2`. Raises ConfigurationError."""
     match = _WISH.fullmatch(text)
     if match is None or not text:
@@ -42,7 +42,7 @@ def parse_wish(text: str, where: str) -> ToolWish:
     socket = int(match["socket"]) if match["socket"] else None
     if definition is None and not socket:
         raise ConfigurationError(f"'{text}' names no tool", where, _WISH_REMEDY)
-    return ToolWish(definition, socket, channel=int(match["half"] == "b"))
+    return RequestedTool(definition, socket, channel=int(match["half"] == "b"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,9 +68,9 @@ class ToolInformation:
             return "S"
         return "B" if self.main_type == _BUTTON_TYPE else "D"
 
-    def fits(self, wish: ToolWish) -> bool:
+    def fits(self, requested: RequestedTool) -> bool:
         """Whether this is the wired tool meant."""
-        return not self.wireless and (self.socket, self.channel) == (wish.socket, wish.channel)
+        return not self.wireless and (self.socket, self.channel) == (requested.socket, requested.channel)
 
 
 @dataclass(frozen=True, slots=True)

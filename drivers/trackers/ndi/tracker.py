@@ -68,10 +68,14 @@ class NdiTracker:
     def _start(self, options: TrackerOptions) -> None:
         """From any state of the device to the first request for a pose."""
         session, clock = self._session, self._clock
-        session.start(options.baud, options.wishes)
+        session.start(options.baud, options.requested_tools)
         self._probe = choose_probe(session.tools, options.probe is not None, self._link.where)
         reference = session.tools[1] if options.reference is not None else None
-        witness = session.tools[len(options.wishes) - len(options.further) - 1] if options.witness is not None else None
+        witness = (
+            session.tools[len(options.requested_tools) - len(options.further) - 1]
+            if options.witness is not None
+            else None
+        )
         posed = [tool for tool in (self._probe, reference) if tool is not None]
         self._tools = (*posed, *(tool for tool in session.tools if tool not in posed))
         electromagnetic = session.identity.electromagnetic

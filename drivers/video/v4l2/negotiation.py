@@ -41,7 +41,7 @@ _NO_LOCK = abi.IN_ST_NO_H_LOCK | abi.IN_ST_NO_V_LOCK | abi.IN_ST_NO_SYNC
 
 
 @dataclass(frozen=True, slots=True)
-class Wish:
+class RequestedFormat:
     """What the URL asks for; None where the device may choose."""
 
     size_px: tuple[int, int] | None = None
@@ -69,10 +69,12 @@ class Agreed:
         return round(1e9 / (_USUAL_HZ if math.isnan(self.rate_hz) else self.rate_hz))
 
 
-def wish_from(given: Given) -> Wish:
+def requested_from(given: Given) -> RequestedFormat:
     """Options size=WIDTHxHEIGHT, rate=HZ, format=CODE, input=NUMBER. Raises ConfigurationError."""
     size_px = _size(given) if given.text("size") else None
-    return Wish(size_px, given.number_or_none("rate"), given.word_or_none("format"), given.integer_or_none("input"))
+    return RequestedFormat(
+        size_px, given.number_or_none("rate"), given.word_or_none("format"), given.integer_or_none("input")
+    )
 
 
 def _size(given: Given) -> tuple[int, int]:
@@ -82,14 +84,14 @@ def _size(given: Given) -> tuple[int, int]:
     return int(found[1]), int(found[2])
 
 
-def negotiate(node: Node, wish: Wish) -> Agreed:
+def negotiate(node: Node, requested: RequestedFormat) -> Agreed:
     """Raises DeviceLost where the device cannot do what was asked, or has no signal now."""
     card, bus = _capture_device(node)
-    if wish.input_number is not None:
-        node.must(abi.S_INPUT, c_int(wish.input_number), f"has no input {wish.input_number}")
+    if requested.input_number is not None:
+        node.must(abi.S_INPUT, c_int(requested.input_number), f"has no input {requested.input_number}")
     timings_hz = _follow_signal(node)
-    pix = _set_format(node, wish)
-    rate_hz, remarks = _set_rate(node, wish.rate_hz)
+    pix = _set_format(node, requested)
+    rate_hz, remarks = _set_rate(node, requested.rate_hz)
     rate_hz = timings_hz if math.isnan(rate_hz) else rate_hz
     if math.isnan(rate_hz):
         remarks = (*remarks, f"it does not tell its rate, {_USUAL_HZ:.0f} per second is taken for the time bound")
@@ -160,52 +162,52 @@ def _timing(timings: abi.DvTimings) -> tuple[int, ...]:
     return timings.width, timings.height, timings.interlaced, timings.pixelclock // _CLOCK_STEP_HZ
 
 
-def _set_format(node: Node, wish: Wish) -> abi.PixFormat:
+def _set_format(node: Node, requested: RequestedFormat) -> abi.PixFormat:
     offered = _offered(node)
     known = [code for code in FORMATS if code in offered]
-    if wish.code is None and not known:
+    if requested.code is None and not known:
         what = f"offers none of the formats {', '.join(FORMATS)}, only {', '.join(offered[:_MOST_NAMED]) or 'nothing'}"
         raise DeviceLost(what, node.where, "Try opencv: with its number")
-    code = wish.code or _quick_enough(node, wish, known)
-    format_ = _wished(node, wish, code)
+    code = requested.code or _quick_enough(node, requested, known)
+    format_ = _requested_format(node, requested, code)
     node.must(abi.S_FMT, format_, "does not take a picture format")
-    _require_format(node, format_.pix, wish, code)
+    _require_format(node, format_.pix, requested, code)
     return abi.PixFormat.from_buffer_copy(format_.pix)
 
 
-def _wished(node: Node, wish: Wish, code: str) -> abi.Format:
+def _requested_format(node: Node, requested: RequestedFormat, code: str) -> abi.Format:
     format_ = abi.Format(type=abi.BUF_TYPE_VIDEO_CAPTURE)
     node.must(abi.G_FMT, format_, "does not tell its picture format")
     format_.pix.pixelformat, format_.pix.field, format_.pix.bytesperline = abi.fourcc(code), abi.FIELD_NONE, 0
-    if wish.size_px is not None:
-        format_.pix.width, format_.pix.height = wish.size_px
+    if requested.size_px is not None:
+        format_.pix.width, format_.pix.height = requested.size_px
     return format_
 
 
-def _quick_enough(node: Node, wish: Wish, known: list[str]) -> str:
+def _quick_enough(node: Node, requested: RequestedFormat, known: list[str]) -> str:
     """The first of the formats that comes as often as is needed, else the quickest: of a large picture over USB what is
     not compressed may come five times a second.
     """
-    wanted_hz = wish.rate_hz or _ENOUGH_HZ
+    wanted_hz = requested.rate_hz or _ENOUGH_HZ
     rates_hz: dict[str, float] = {}
     for code in known:
-        format_ = _wished(node, wish, code)
+        format_ = _requested_format(node, requested, code)
         if not node.allows(abi.S_FMT, format_) or format_.pix.pixelformat != abi.fourcc(code):
             continue
-        rates_hz[code] = _told_hz(node, wish.rate_hz)[0]
+        rates_hz[code] = _told_hz(node, requested.rate_hz)[0]
         if not rates_hz[code] < wanted_hz * (1 - _RATE_TOLERANCE):  # one that is not told is no reason to go on
             return code
     return max(rates_hz, key=rates_hz.__getitem__, default=known[0])
 
 
-def _require_format(node: Node, pix: abi.PixFormat, wish: Wish, code: str) -> None:
-    """A device answers a wish that it cannot fulfil with what it would do instead."""
+def _require_format(node: Node, pix: abi.PixFormat, requested: RequestedFormat, code: str) -> None:
+    """A device answers a request that it cannot fulfil with what it would do instead."""
     size_px = (pix.width, pix.height)
     if pix.pixelformat != abi.fourcc(code):
         what = f"does not give {code}, only {', '.join(_offered(node)[:_MOST_NAMED])}"
         raise DeviceLost(what, node.where, "Leave format= out, or choose one of these")
-    if wish.size_px not in (None, size_px):
-        what = f"gives {size_px[0]}x{size_px[1]} instead of {wish.size_px[0]}x{wish.size_px[1]} pixels"
+    if requested.size_px not in (None, size_px):
+        what = f"gives {size_px[0]}x{size_px[1]} instead of {requested.size_px[0]}x{requested.size_px[1]} pixels"
         raise DeviceLost(what, node.where, "Correct size=, or the output of the scanner")
     if pix.field not in _WHOLE_PICTURES:
         what = "gives interlaced pictures only, whose lines are of two moments"

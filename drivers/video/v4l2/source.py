@@ -18,7 +18,7 @@ from drivers.samples import Frame, GreyImage, Stamp
 from drivers.video import V4L2
 from drivers.video.crop import Cut, cut_from
 from drivers.video.v4l2 import abi
-from drivers.video.v4l2.negotiation import Wish, negotiate, require_signal, wish_from
+from drivers.video.v4l2.negotiation import RequestedFormat, negotiate, requested_from, require_signal
 from drivers.video.v4l2.node import Node
 from drivers.video.v4l2.pixels import BrokenPicture, Bytes, grey
 from drivers.video.v4l2.stamps import Counter, FrameTimes
@@ -34,7 +34,7 @@ def open_video(target: str, options: dict[str, str], clock: HostClock) -> "V4l2V
     return V4l2Video(target, *checked(target, options), clock)
 
 
-def checked(target: str, options: dict[str, str]) -> tuple[Wish, Cut]:
+def checked(target: str, options: dict[str, str]) -> tuple[RequestedFormat, Cut]:
     """What to ask of the device, and what to cut out. Raises ConfigurationError naming the option."""
     where = f"v4l2:{target}"
     given = V4L2.given(options, where)
@@ -42,18 +42,18 @@ def checked(target: str, options: dict[str, str]) -> tuple[Wish, Cut]:
         raise ConfigurationError(
             "is not the path of a device", where, "Write v4l2:/dev/video0 or v4l2:/dev/v4l/by-id/…"
         )
-    return wish_from(given), cut_from(given)
+    return requested_from(given), cut_from(given)
 
 
 class V4l2Video:
     """One running capture. damaged: pictures dropped because the driver or their bytes say that they are broken."""
 
-    def __init__(self, path: str, wish: Wish, cut: Cut, clock: HostClock) -> None:
+    def __init__(self, path: str, requested: RequestedFormat, cut: Cut, clock: HostClock) -> None:
         self._cut, self._clock = cut, clock
         with ExitStack() as opened:
             self._node = Node(path)
             opened.callback(self._node.close)
-            self.agreed = negotiate(self._node, wish)
+            self.agreed = negotiate(self._node, requested)
             cut.require_within(self.agreed.width, self.agreed.height, self._node.where)
             self._stream = Stream(self._node)
             opened.callback(self._stream.close)
