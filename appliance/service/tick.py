@@ -85,7 +85,7 @@ class Tick:
     def _hear(self, now_ns: int) -> tuple[Verdict, ...]:
         heard, verdicts = self._estimator.poll()
         verdicts = self._references.judged(verdicts)
-        self._supervision.hear(now_ns, heard, self._estimator.speaking, verdicts)
+        self._supervision.hear(now_ns, heard, self._estimator.reporting, verdicts)
         return verdicts
 
     def _watch(self, now_ns: int) -> tuple[Check, ...]:
@@ -112,7 +112,7 @@ class Tick:
 
     def _command(self, now_ns: int, alarm: AlarmState, judged: bool) -> None:
         """judged: a verdict came with this tick; then the delay of the contact counts from when it was said."""
-        since_ns = self._clock.at(self._estimator.said_ns) if judged else now_ns
+        since_ns = self._clock.at(self._estimator.sent_ns) if judged else now_ns
         self._devices.command(self._annunciator.step(now_ns, alarm), since_ns)
 
     def _feed_watchdog(self, alarm: AlarmState) -> None:
@@ -124,5 +124,5 @@ class Tick:
             self._notifier.alive(f"{alarm.state.value}: {alarm.reason}{self._why_silent()}{mark}")
 
     def _why_silent(self) -> str:
-        ended = None if self._estimator.speaking else self._estimator.ended
+        ended = None if self._estimator.reporting else self._estimator.ended
         return "" if ended is None else f" (estimator {ended})"

@@ -15,14 +15,14 @@ _LONGEST = 1 << 17
 
 
 @dataclass(frozen=True, slots=True)
-class Word:
+class EstimatorReport:
     """Estimator → hardware process, at least ten times a second. The counts are since the estimator's start.
 
-    said_ns: CLOCK_MONOTONIC when it was said. relative_pose: as of `EstimatorSettings`, as it is known now.
+    sent_ns: CLOCK_MONOTONIC when it was sent. relative_pose: as of `EstimatorSettings`, as it is known now.
     """
 
     generation: int
-    said_ns: int
+    sent_ns: int
     verdicts: tuple[Verdict, ...]
     frames: int
     poses: int
@@ -31,7 +31,7 @@ class Word:
     relative_pose: Matrix4 | None = field(default=None, compare=False)
 
 
-Message = EstimatorSettings | Word
+Message = EstimatorSettings | EstimatorReport
 
 
 class LinkClosed(Exception):  # noqa: N818  an event, not a fault
@@ -62,5 +62,5 @@ def receive(link: socket.socket) -> Message | None:
     if not packet:
         raise LinkClosed
     message = pickle.loads(packet)
-    assert isinstance(message, EstimatorSettings | Word)
+    assert isinstance(message, EstimatorSettings | EstimatorReport)
     return message

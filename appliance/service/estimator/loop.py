@@ -10,15 +10,15 @@ from typing import Protocol
 
 from appliance.core.estimator_settings import EstimatorSettings
 from appliance.limits import Limits
-from appliance.service.estimator.link import LinkClosed, Word, receive, send
+from appliance.service.estimator.link import EstimatorReport, LinkClosed, receive, send
 from appliance.service.estimator.ring import FRAMES, POSES, Ring, RingFds
 from appliance.service.estimator.tap import Tap, TapFds
 from appliance.service.host.child_process import end_with_parent
 from appliance.types import Calibration, Verdict
 from drivers.samples import Matrix4, Sample
 
-_WORD_EVERY_NS = 100_000_000
-"""Between two words where there is no verdict: ten must be missing before `Timeouts.estimator_ns` calls it silent."""
+_REPORT_EVERY_NS = 100_000_000
+"""Between two reports where there is no verdict: ten must be missing before `Timeouts.estimator_ns` calls it silent."""
 
 
 class Stepper(Protocol):
@@ -37,8 +37,8 @@ MakeLine = Callable[[Calibration, Limits, int, Matrix4 | None], Stepper]
 class Estimator:
     """The loop around the line. A sample or new settings wake it.
 
-    It speaks at once when there is a verdict, and every 0.1 s when there is none. tap: is told of every step after
-    that; None where nobody may look on. real_ns: CLOCK_MONOTONIC.
+    It reports at once when there is a verdict, and every 0.1 s when there is none. tap: gets every step after that;
+    None where no client may connect. real_ns: CLOCK_MONOTONIC.
     """
 
     def __init__(
@@ -56,7 +56,7 @@ class Estimator:
         self._generation = 0
         self._counts = [0, 0]
         self._dropped = [0, 0]
-        self._spoke_ns = 0
+        self._reported_ns = 0
         self._waking = select.poll()
         for source in (link, frames, poses):
             self._waking.register(source, select.POLLIN)
@@ -72,16 +72,16 @@ class Estimator:
             return
 
     def step(self, readable: bool = True) -> None:
-        """Take what is there, and speak where a word is due; never waits. readable: the link has something to read.
+        """Take what is there, and report where a report is due; never waits. readable: the link has something to read.
 
         Raises LinkClosed.
         """
         if readable:
-            self._obey()
+            self._apply_settings()
         self._compute()
-        self._speak(())
+        self._send_report(())
 
-    def _obey(self) -> None:
+    def _apply_settings(self) -> None:
         while (settings := receive(self._link)) is not None:
             assert isinstance(settings, EstimatorSettings)
             if self._line is None:
@@ -98,7 +98,7 @@ class Estimator:
             return
         for sample in self._take():
             verdicts = () if line is None else line.step(sample)
-            self._speak(verdicts)
+            self._send_report(verdicts)
             if tap is not None:
                 tap.tell(sample, verdicts)
 
@@ -118,21 +118,23 @@ class Estimator:
         return sorted(samples, key=lambda sample: sample.stamp.t_ns)
 
     def _wait(self) -> bool:
-        """Until a sample or settings come, or the next word is due. Whether the link has settings, or has closed."""
+        """Until a sample or settings come, or the next report is due. Whether the link has settings, or has closed."""
         pending = self._frames.pending or self._poses.pending
-        left_ns = 0 if pending else self._spoke_ns + _WORD_EVERY_NS - self._real_ns()
+        left_ns = 0 if pending else self._reported_ns + _REPORT_EVERY_NS - self._real_ns()
         ready = self._waking.poll(max(0, math.ceil(left_ns / 1e6)))
         return any(fd == self._link.fileno() for fd, _ in ready)
 
-    def _speak(self, verdicts: tuple[Verdict, ...]) -> None:
+    def _send_report(self, verdicts: tuple[Verdict, ...]) -> None:
         now_ns = self._real_ns()
-        if verdicts or now_ns - self._spoke_ns >= _WORD_EVERY_NS:
-            self._spoke_ns = now_ns
+        if verdicts or now_ns - self._reported_ns >= _REPORT_EVERY_NS:
+            self._reported_ns = now_ns
             relative_pose = None if self._line is None else self._line.relative_pose
             (frames, poses), dropped = self._counts, self._dropped
             send(
                 self._link,
-                Word(self._generation, now_ns, verdicts, frames, poses, dropped[0], dropped[1], relative_pose),
+                EstimatorReport(
+                    self._generation, now_ns, verdicts, frames, poses, dropped[0], dropped[1], relative_pose
+                ),
             )
 
 

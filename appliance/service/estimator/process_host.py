@@ -15,7 +15,7 @@ from typing import Protocol
 
 from appliance.core.estimator_settings import EstimatorSettings
 from appliance.limits import Limits
-from appliance.service.estimator.link import LinkClosed, Word, link_pair, receive, send
+from appliance.service.estimator.link import EstimatorReport, LinkClosed, link_pair, receive, send
 from appliance.service.estimator.ring import FRAMES, POSES, Ring
 from appliance.service.estimator.tap import TapFds
 from appliance.service.host.child_process import ONE_THREAD
@@ -34,7 +34,7 @@ _HUNG_S, _LOADING_S = 5.0, 60.0
 is open by then (`Timeouts.estimator_ns`), so these cost only recovery: shorter would kill one that is merely slow.
 """
 _WORKING_S = 0.3
-"""Silence up to which the estimator counts as working: three of its words."""
+"""Silence up to which the estimator counts as working: three of its reports."""
 _BURIAL_S, _LAST_BURIAL_S = 0.05, 1.0
 """How long a killed process is waited for: in a tick, of which it may take one; at the end of the service. One that
 does not die by then is looked for again each tick.
@@ -59,8 +59,8 @@ class EstimatorHost:
     slowness: factor of the timeouts, for an emulated machine. clock: whose real time it is.
 
     restarts: processes started after the first. ended: how the last to end did so, and which restart followed; None
-    before any did. last: what it said last, None before its first word. said_ns: when the first verdict of the last
-    poll was said. tap: makes, for each new process, what it tells those through who look on; None: nobody may.
+    before any did. last: its last report, None before the first. sent_ns: when the first verdict of the last poll was
+    sent. tap: makes, for each new process, the tap of the feed; None where no client may connect.
     """
 
     def __init__(
@@ -80,13 +80,13 @@ class EstimatorHost:
         self._dying: list[Process] = []
         self._link: socket.socket | None = None
         self._started_s = self._heard_s = self._start_at_s = 0.0
-        self._spoken = False
+        self._has_reported = False
         self._wait_s = _FIRST_WAIT_S
         self._log = get_log()
         self.restarts = -1
         self.ended: str | None = None
-        self.last: Word | None = None
-        self.said_ns = 0
+        self.last: EstimatorReport | None = None
+        self.sent_ns = 0
         self.tap: Callable[[], TapFds | None] = lambda: None
 
     @property
@@ -95,14 +95,14 @@ class EstimatorHost:
         return None if self._process is None else self._process.pid
 
     @property
-    def speaking(self) -> bool:
-        """The present process has spoken; False from the death of one to the first word of the next."""
-        return self._spoken
+    def reporting(self) -> bool:
+        """Whether the present process has reported; False from the death of one to the first report of the next."""
+        return self._has_reported
 
     @property
     def waiting_frames(self) -> int:
         """Pictures that it has not taken yet; 0 while it does not work, as then nobody is behind."""
-        working = self._spoken and self._now_s() - self._heard_s < _WORKING_S
+        working = self._has_reported and self._now_s() - self._heard_s < _WORKING_S
         return self._frames.backlog if working else 0
 
     @property
@@ -135,7 +135,7 @@ class EstimatorHost:
             self.refer(self._settings.reference, self._settings.relative_pose)
 
     def wait(self, real_s: float) -> None:
-        """Until it says something, or for real_s at most."""
+        """Wait until it reports, or for real_s at most."""
         if self._link is None:
             time.sleep(real_s)
         else:
@@ -145,20 +145,20 @@ class EstimatorHost:
 
     def poll(self) -> tuple[bool, tuple[Verdict, ...]]:
         """(heard anything, verdicts on the present reference). Never blocks; call it every tick."""
-        words = self._hear()
+        reports = self._received_reports()
         now_s = self._now_s()
-        if words:
-            self._heard_s, self._spoken, self.last = now_s, True, words[-1]
+        if reports:
+            self._heard_s, self._has_reported, self.last = now_s, True, reports[-1]
         self._look_after(now_s)
         generation = None if self._settings is None else self._settings.generation
-        self._note_relative_pose(words, generation)
-        present = [word for word in words if word.generation == generation and word.verdicts]
-        self.said_ns = present[0].said_ns if present else self._clock.real_ns()
-        return bool(words), tuple(verdict for word in present for verdict in word.verdicts)
+        self._note_relative_pose(reports, generation)
+        present = [report for report in reports if report.generation == generation and report.verdicts]
+        self.sent_ns = present[0].sent_ns if present else self._clock.real_ns()
+        return bool(reports), tuple(verdict for report in present for verdict in report.verdicts)
 
-    def _note_relative_pose(self, words: list[Word], generation: int | None) -> None:
+    def _note_relative_pose(self, reports: list[EstimatorReport], generation: int | None) -> None:
         """The next process goes on with it."""
-        known = [word.relative_pose for word in words if word.generation == generation]
+        known = [report.relative_pose for report in reports if report.generation == generation]
         if known and self._settings is not None:
             self._settings = replace(self._settings, relative_pose=known[-1])
 
@@ -171,15 +171,15 @@ class EstimatorHost:
     def _now_s(self) -> float:
         return self._clock.real_ns() / 1e9
 
-    def _hear(self) -> list[Word]:
-        words: list[Word] = []
+    def _received_reports(self) -> list[EstimatorReport]:
+        reports: list[EstimatorReport] = []
         try:
-            while self._link is not None and (word := receive(self._link)) is not None:
-                assert isinstance(word, Word)
-                words.append(word)
+            while self._link is not None and (report := receive(self._link)) is not None:
+                assert isinstance(report, EstimatorReport)
+                reports.append(report)
         except LinkClosed:
             self._drop_link()
-        return words
+        return reports
 
     def _look_after(self, now_s: float) -> None:
         self._bury()
@@ -198,7 +198,7 @@ class EstimatorHost:
         return f"killed by {_SIGNALS.get(-code, -code)}" if code < 0 else f"ended with exit code {code}"
 
     def _hung(self, now_s: float) -> bool:
-        return now_s - self._heard_s > (_HUNG_S if self._spoken else _LOADING_S) * self._slowness
+        return now_s - self._heard_s > (_HUNG_S if self._has_reported else _LOADING_S) * self._slowness
 
     def _start(self, now_s: float) -> None:
         try:
@@ -208,7 +208,7 @@ class EstimatorHost:
             self._note_end(f"cannot be started ({error.strerror})", now_s)
             return
         self._started_s = self._heard_s = now_s
-        self._spoken = False
+        self._has_reported = False
         self.restarts += 1
         self._send_settings()
 
@@ -229,7 +229,7 @@ class EstimatorHost:
     def _note_end(self, how: str, now_s: float) -> None:
         """Say it once, however often the same is tried in vain, and try again later each time."""
         lived_s, told = now_s - self._started_s, f"{how}, restart {self.restarts + 1}"
-        self._wait_s = _FIRST_WAIT_S if self._spoken and lived_s > 10 else min(2 * self._wait_s, _LONGEST_WAIT_S)
+        self._wait_s = _FIRST_WAIT_S if self._has_reported and lived_s > 10 else min(2 * self._wait_s, _LONGEST_WAIT_S)
         self._start_at_s = now_s + self._wait_s
         if told != self.ended:
             self._log.error("estimator ended", how=how, lived_s=round(lived_s, 1), restart=self.restarts + 1)
@@ -253,7 +253,7 @@ class EstimatorHost:
         if self._process is not None:
             self._process.send_signal(signal.SIGKILL)
             self._dying.append(self._process)
-            self._process, self._spoken = None, False
+            self._process, self._has_reported = None, False
             self._bury(timeout_s)
 
     def _bury(self, timeout_s: float = 0.0) -> None:

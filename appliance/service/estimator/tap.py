@@ -1,6 +1,6 @@
 """What the estimator hands on of every step of the line, for those who look on; nothing while nobody does.
 
-The word to the hardware process has gone out before. Pictures lie in a ring of their own, everything else goes as one
+The report to the hardware process has gone out before. Pictures lie in a ring of their own, everything else goes as one
 packet a step through a socket pair that never blocks: whoever is behind misses whole steps, and their numbers say how
 many. What is wanted stands in a shared page, so that a step of a line that nobody watches costs one look at it.
 """
@@ -21,7 +21,7 @@ from appliance.types import Verdict
 from drivers.samples import Frame, Pose, Sample, Stamp
 
 LONGEST_PACKET = 1 << 17
-"""Bytes of one packet; a longer one would be cut. See `link`, whose words hold as many verdicts."""
+"""Bytes of one packet; a longer one would be cut. See `link`, whose reports hold as many verdicts."""
 _PAGE = mmap.PAGESIZE
 _WANTED, _EPOCH, _COUNTS = 0, 1, 8
 """Places in the page: what is wanted, a count of those who began to want it, and what the status tells of them."""

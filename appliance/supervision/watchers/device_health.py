@@ -34,7 +34,7 @@ class Replies:
 class DeviceHealth:
     """Arrival times, ns of the host clock; None where there was none since the start.
 
-    replies: of the tracker. heartbeat_ns: last word of the present estimator process. output_ns: last write of the
+    replies: of the tracker. heartbeat_ns: last report of the present estimator process. output_ns: last write of the
     output that lags most. damage: hazard classes of the alarm log that no person has acknowledged. log_waits_ns: age of
     its oldest entry that is not on the disk yet. calibration_file_changed: the configured file is neither in force nor
     decided about. calibration_overdue: a date of the reference in force has passed. body: how well the tracker

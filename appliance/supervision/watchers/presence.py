@@ -25,7 +25,7 @@ def tracker_presence(now_ns: int, health: DeviceHealth, timeouts: Timeouts) -> C
 
 
 def estimator_presence(now_ns: int, health: DeviceHealth, timeouts: Timeouts) -> Check:
-    """estimator-silent when no word of it has come for timeouts.estimator_ns, or its process has died.
+    """estimator-silent when no report of it has come for timeouts.estimator_ns, or its process has died.
 
     It speaks at least ten times a second, even when it has nothing to conclude.
     """

@@ -9,7 +9,7 @@ from appliance.core.estimator_settings import EstimatorSettings
 from appliance.core.exact_fields import settings_fields, settings_of
 from appliance.limits import Limits
 from appliance.service.control.references import References
-from appliance.service.estimator.link import Word
+from appliance.service.estimator.link import EstimatorReport
 from appliance.service.estimator.process_host import EstimatorHost
 from appliance.storage.reference_store import FOLDER, HISTORY
 from appliance.types import Calibration
@@ -28,8 +28,8 @@ REFERENCE = Calibration(np.eye(3), (1, 1), np.array([0.1, 0.1]), np.zeros(3), (6
 
 
 def said(host: EstimatorHost, generation: int, relative_pose: np.ndarray | None) -> None:
-    word = Word(generation, 0, (), 0, 0, 0, 0, relative_pose)
-    host._hear = lambda: [word]
+    report = EstimatorReport(generation, 0, (), 0, 0, 0, 0, relative_pose)
+    host._received_reports = lambda: [report]
     host.poll()
 
 

@@ -18,7 +18,7 @@ import psutil
 import pytest
 
 from appliance.limits import Limits
-from appliance.service.estimator.link import Word
+from appliance.service.estimator.link import EstimatorReport
 from appliance.service.estimator.process_host import EstimatorHost
 from appliance.service.host.log import configure
 from appliance.types import Calibration, Verdict, VerdictKind
@@ -49,7 +49,7 @@ def host() -> Iterator[EstimatorHost]:
     host.close()
 
 
-def seen(host: EstimatorHost) -> Word:
+def seen(host: EstimatorHost) -> EstimatorReport:
     """What it says after everything before was heard."""
     until(lambda: host.poll()[0])
     assert host.last is not None
@@ -105,27 +105,27 @@ def test_both_streams_reach_the_line_in_the_order_of_their_stamps(host: Estimato
 
 
 def test_a_sample_wakes_it(host: EstimatorHost) -> None:
-    """It does not wait for the next of its words, 0.1 s apart."""
+    """It does not wait for its next report, 0.1 s later."""
     delays_s = []
     for _ in range(15):
         time.sleep(0.013)
         put_ns = time.monotonic_ns()
         host.put(frame(stand_in.OK))
         verdicts(host)
-        delays_s.append((host.said_ns - put_ns) / 1e9)
+        delays_s.append((host.sent_ns - put_ns) / 1e9)
     assert float(np.median(delays_s)) < 0.025
 
 
 def test_without_samples_it_sleeps(host: EstimatorHost) -> None:
-    """Two or three switches a word, ten words a second."""
+    """Two or three switches a report, ten reports a second."""
 
     def switches() -> int:
         status = Path(f"/proc/{host.pid}/status").read_text()
         return int(re.findall(r"^voluntary_ctxt_switches:\s+(\d+)", status, re.M)[0])
 
-    before, words = switches(), 0
-    while words < 5:
-        words += until(lambda: host.poll()[0], HEARTBEAT_S)
+    before, reports = switches(), 0
+    while reports < 5:
+        reports += until(lambda: host.poll()[0], HEARTBEAT_S)
     assert switches() - before < 40
 
 

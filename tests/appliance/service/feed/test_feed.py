@@ -358,7 +358,7 @@ def test_an_estimator_that_dies_is_told_as_the_end(tmp_path: Path) -> None:
         os.kill(service.estimator.pid, signal.SIGKILL)
         with pytest.raises(DeviceLost, match="no service offers its feed"):
             found(feed, lambda message: False)
-        until(lambda: service.estimator.restarts == 1 and service.estimator.speaking)
+        until(lambda: service.estimator.restarts == 1 and service.estimator.reporting)
         Feed(service.path).close()
 
 
