@@ -39,7 +39,7 @@ from appliance.types import Calibration, Check, Fault, Kind, Motion, StampedPair
 from drivers.rigid import Array
 from drivers.samples import Frame, Matrix4, Pose
 
-FINDS = (Fault.SCALE,)
+REPORTS_FAULTS = (Fault.SCALE,)
 
 _SOLVE_EVERY_NS = 330_000_000
 """Between two solutions of the window. A fault is named by two in a row, so longer names it later; shorter costs the

@@ -18,7 +18,7 @@ from typing import Any
 
 from appliance.types import Fault
 
-FINDS = (Fault.LOG_DAMAGED, Fault.MEMORY_DAMAGED)
+REPORTS_FAULTS = (Fault.LOG_DAMAGED, Fault.MEMORY_DAMAGED)
 
 MEMORY = "alarm-memory.json"
 AFTER = "after"

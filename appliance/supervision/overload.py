@@ -8,7 +8,7 @@ from math import exp, isnan, nan
 
 from appliance.types import Check, Fault, VerdictKind
 
-FINDS = (Fault.OVERLOADED,)
+REPORTS_FAULTS = (Fault.OVERLOADED,)
 
 _MEMORY_S = 1.0
 """Time constant of the means. Longer: a short burst is not called an overload. Shorter: fewer losses come before it."""

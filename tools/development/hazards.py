@@ -1,6 +1,6 @@
 """`make docs` writes docs/hazards.md: each hazard, its severity, control, what remains, and the evidence.
 
-What finds a hazard declares it (`FINDS` of a module of the appliance); a test that tries it names it.
+What finds a hazard declares it (`REPORTS_FAULTS` of a module of the appliance); a test that tries it names it.
 """
 
 import ast
@@ -99,9 +99,9 @@ def _anomalies(hazard: Fault) -> str:
 
 @cache
 def found_by() -> dict[Fault, list[str]]:
-    """Hazard → files of the appliance that declare in `FINDS` that they tell of it."""
+    """Hazard → files of the appliance that declare in `REPORTS_FAULTS` that they tell of it."""
     files = sorted(file.relative_to(ROOT).as_posix() for file in (ROOT / "appliance").rglob("*.py"))
-    finds = {file: getattr(import_module(_module(file)), "FINDS", ()) for file in files}
+    finds = {file: getattr(import_module(_module(file)), "REPORTS_FAULTS", ()) for file in files}
     return {hazard: [file for file in files if hazard in finds[file]] for hazard in HAZARDS}
 
 

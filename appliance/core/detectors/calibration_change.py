@@ -11,7 +11,7 @@ from appliance.limits import Limits
 from appliance.types import PARAMETERS, Check, Fault, VerdictKind
 from drivers.rigid import Array
 
-FINDS = (Fault.ROTATION, Fault.SCALE, Fault.OFFSET, Fault.LATENCY)
+REPORTS_FAULTS = (Fault.ROTATION, Fault.SCALE, Fault.OFFSET, Fault.LATENCY)
 
 _LEAST_AGREEMENT = 0.9
 """Correlation of measured and predicted motion. Less trusts X where a tracker is late or a picture badly followed; more

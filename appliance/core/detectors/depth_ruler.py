@@ -8,7 +8,7 @@ from appliance.core.detectors.ruler import Ruler, candidates, ruler_again, ruler
 from appliance.core.registration.pyramid import Bits
 from appliance.types import Check, Fault, VerdictKind
 
-FINDS = (Fault.SCALE,)
+REPORTS_FAULTS = (Fault.SCALE,)
 
 _NEW_DEPTH_PERCENT = 1.5
 """Change of spacing from which the depth is another, whatever scale the limits tolerate: no scanner steps its depth by

@@ -13,7 +13,7 @@ from appliance.core.parameters import QUANTITIES
 from appliance.limits import Limits
 from appliance.types import Check, Fault, VerdictKind
 
-FINDS = (Fault.EXCHANGED_PROBE,)
+REPORTS_FAULTS = (Fault.EXCHANGED_PROBE,)
 
 _CLASSES = (Fault.ROTATION, Fault.OFFSET, Fault.SCALE)
 """All three: rotation and offset alone is what a bent clamp does."""

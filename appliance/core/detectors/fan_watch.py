@@ -18,7 +18,7 @@ from appliance.types import Calibration, Check, Fault, VerdictKind
 from drivers.rigid import Array
 from drivers.samples import GreyImage
 
-FINDS = (Fault.SCALE,)
+REPORTS_FAULTS = (Fault.SCALE,)
 
 _STRETCH_PERCENT, _SHIFT_PX = 0.4, 3.0
 """Change from which the picture is another, whatever the limits tolerate: by less no grabber was set wrong. 1 % and 5

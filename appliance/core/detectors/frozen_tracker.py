@@ -6,7 +6,7 @@ from appliance.core.detectors.detector import Detector, Observation
 from appliance.types import Check, Fault, VerdictKind
 from drivers.samples import Matrix4, Pose
 
-FINDS = (Fault.TRACKER_STALE,)
+REPORTS_FAULTS = (Fault.TRACKER_STALE,)
 
 _MOVED_MM = 1.0
 """Way of the picture while the pose stays: more than registration errors add up to at rest, less than the slowest sweep

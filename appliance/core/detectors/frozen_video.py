@@ -8,7 +8,7 @@ from appliance.core.detectors.screen_change import ScreenChange, sparse_of
 from appliance.types import Check, Fault, VerdictKind
 from drivers.samples import GreyImage
 
-FINDS = (Fault.FROZEN_VIDEO, Fault.USER_FREEZE)
+REPORTS_FAULTS = (Fault.FROZEN_VIDEO, Fault.USER_FREEZE)
 
 _SAME_GREY = 2
 """Difference up to which a pixel is the same: a video codec's ripple. More calls a dark, quiet picture frozen; noise of

@@ -30,7 +30,7 @@ from appliance.types import Calibration, Check, Fault, VerdictKind
 from drivers.rigid import Array, inverse, vector_from_rotation
 from drivers.samples import Matrix4
 
-FINDS = (Fault.ROTATION, Fault.OFFSET)
+REPORTS_FAULTS = (Fault.ROTATION, Fault.OFFSET)
 
 _LEAST_MM, _LEAST_RAD = 1.0, np.deg2rad(0.75)
 """Smallest leap that is added up, a quarter of its limit. A smaller one lets noise of .25 mm wake the fit at every

@@ -8,7 +8,7 @@ from appliance.core.registration.texture import Texture, TextureReader
 from appliance.types import Check, Fault, VerdictKind
 from drivers.samples import GreyImage
 
-FINDS = (Fault.NO_PICTURE,)
+REPORTS_FAULTS = (Fault.NO_PICTURE,)
 
 _SMALL_ROWS, _ASKED, _ASKED_OF_SMALL = 200, 1.0, 0.4
 """`Texture.tissue` from which on a picture shows tissue. One of fewer rows is asked for less: speckle is 1 or 2 px wide

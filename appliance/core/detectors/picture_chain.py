@@ -41,7 +41,7 @@ from appliance.limits import Limits
 from appliance.types import Calibration, Check, Fault, VerdictKind
 from drivers.rigid import Array
 
-FINDS = (Fault.POLARITY, Fault.SCALE)
+REPORTS_FAULTS = (Fault.POLARITY, Fault.SCALE)
 
 _CALM_FRAMES = 5
 """Pictures of the chain before what comes after it is explained. Fewer explain what comes after a scene that was lost

@@ -14,7 +14,7 @@ from appliance.core.path.samples import PathSamples
 from appliance.core.path.solver import PathFit
 from appliance.types import Calibration, Check, Fault, VerdictKind
 
-FINDS = (Fault.POLARITY,)
+REPORTS_FAULTS = (Fault.POLARITY,)
 
 POLARITIES = ((1, 1), (-1, 1), (1, -1), (-1, -1))
 MOST_FLIPPED = 0.5

@@ -11,7 +11,7 @@ from appliance.core.path.conventions import READINGS, Convention
 from appliance.core.path.explanation import MARGIN, Explanation
 from appliance.types import Check, Fault, VerdictKind
 
-FINDS = (Fault.POSE_CONVENTION,)
+REPORTS_FAULTS = (Fault.POSE_CONVENTION,)
 
 WRONG = frozenset({*READINGS, Convention.SWAPPED})
 """Conventions that are named."""

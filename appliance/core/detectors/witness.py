@@ -25,7 +25,7 @@ from drivers.rigid import (
 )
 from drivers.samples import Matrix4, Pose
 
-FINDS = (Fault.MARKER_BODY_MOVED,)
+REPORTS_FAULTS = (Fault.MARKER_BODY_MOVED,)
 
 LEARN_NS, LEARN_READINGS = 2_000_000_000, 20
 """For which, and from how many readings at least, their relative pose is learned. More leaves a bend in that time

@@ -18,7 +18,7 @@ from appliance.limits import WITHDRAWN_NATS
 from appliance.types import Check, Fault, VerdictKind
 from drivers.rigid import Array
 
-FINDS = (Fault.FIELD_DISTORTION,)
+REPORTS_FAULTS = (Fault.FIELD_DISTORTION,)
 
 NAME = "field-distortion"
 _LEAST_BLOCKS = 40

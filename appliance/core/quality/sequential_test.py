@@ -35,7 +35,7 @@ from appliance.limits import NAMED_NATS, WITHDRAWN_NATS, Limits
 from appliance.types import Calibration, Check, Fault, Rival, VerdictKind
 from drivers.rigid import Array
 
-FINDS = (Fault.ROTATION, Fault.SCALE, Fault.OFFSET, Fault.LATENCY)
+REPORTS_FAULTS = (Fault.ROTATION, Fault.SCALE, Fault.OFFSET, Fault.LATENCY)
 
 WINDOW_NS = PRESENT_NS
 """Of the oldest start: as long as the window that measures. Longer finds smaller changes later, and costs time."""

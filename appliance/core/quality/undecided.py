@@ -7,7 +7,7 @@ from appliance.core.times import HELD_NS
 from appliance.limits import NAMED_NATS
 from appliance.types import Check, Fault, VerdictKind
 
-FINDS = (Fault.UNDECIDED,)
+REPORTS_FAULTS = (Fault.UNDECIDED,)
 
 
 def undecided(found: Accusation, excused: AbstractSet[str], named_nats: float = NAMED_NATS) -> Check | None:

@@ -3,7 +3,7 @@
 from appliance.supervision.watchers.device_health import DeviceHealth, Timeouts, silence
 from appliance.types import Check, Fault, VerdictKind
 
-FINDS = (Fault.LOG_DAMAGED, Fault.MEMORY_DAMAGED, Fault.LOG_NOT_WRITTEN)
+REPORTS_FAULTS = (Fault.LOG_DAMAGED, Fault.MEMORY_DAMAGED, Fault.LOG_NOT_WRITTEN)
 
 
 def alarm_log_integrity(health: DeviceHealth) -> Check:

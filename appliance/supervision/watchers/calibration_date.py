@@ -5,7 +5,7 @@
 from appliance.supervision.watchers.device_health import DeviceHealth
 from appliance.types import Check, Fault, VerdictKind
 
-FINDS = (Fault.CALIBRATION_DUE,)
+REPORTS_FAULTS = (Fault.CALIBRATION_DUE,)
 
 
 def calibration_date(health: DeviceHealth) -> Check:

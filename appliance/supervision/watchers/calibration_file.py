@@ -3,7 +3,7 @@
 from appliance.supervision.watchers.device_health import DeviceHealth
 from appliance.types import Check, Fault, VerdictKind
 
-FINDS = (Fault.CALIBRATION_FILE,)
+REPORTS_FAULTS = (Fault.CALIBRATION_FILE,)
 
 
 def calibration_file(health: DeviceHealth) -> Check:

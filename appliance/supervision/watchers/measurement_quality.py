@@ -6,7 +6,7 @@ from appliance.limits import Limits
 from appliance.supervision.watchers.device_health import DeviceHealth
 from appliance.types import Check, Fault, VerdictKind
 
-FINDS = (Fault.MARKER_BODY, Fault.FIELD_DISTORTION)
+REPORTS_FAULTS = (Fault.MARKER_BODY, Fault.FIELD_DISTORTION)
 
 
 def marker_fit(health: DeviceHealth, limits: Limits) -> Check:

@@ -3,7 +3,7 @@
 from appliance.supervision.watchers.device_health import DeviceHealth, Timeouts, silence
 from appliance.types import Check, Fault, VerdictKind
 
-FINDS = (Fault.OUTPUT_FAILED, Fault.VIDEO_LOST, Fault.TRACKER_LOST, Fault.ESTIMATOR_SILENT)
+REPORTS_FAULTS = (Fault.OUTPUT_FAILED, Fault.VIDEO_LOST, Fault.TRACKER_LOST, Fault.ESTIMATOR_SILENT)
 
 
 def output_presence(now_ns: int, health: DeviceHealth, timeouts: Timeouts) -> Check:

@@ -4,7 +4,7 @@ from appliance.supervision.watchers.device_health import DeviceHealth, Timeouts,
 from appliance.types import Check, Fault, VerdictKind
 from drivers.samples import PoseStatus
 
-FINDS = (Fault.TRACKER_ALERT, Fault.TRACKER_STALE, Fault.LINE_OF_SIGHT, Fault.POSE_UNUSABLE)
+REPORTS_FAULTS = (Fault.TRACKER_ALERT, Fault.TRACKER_STALE, Fault.LINE_OF_SIGHT, Fault.POSE_UNUSABLE)
 
 _UNSEEN = (PoseStatus.MISSING, PoseStatus.OUT_OF_VOLUME, PoseStatus.PARTIAL)
 

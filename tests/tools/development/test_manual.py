@@ -176,8 +176,8 @@ def test_whoever_makes_a_check_declares_what_it_finds() -> None:
     for file, calls in makers.items():
         declared = {fault for fault, files in found_by().items() if file in files}
         told = {node.attr for call in calls for node in ast.walk(call) if is_fault(node)} - {"AGREEMENT"}
-        assert declared, f"{file} makes checks and has no FINDS"
-        assert told <= {fault.name for fault in declared}, f"FINDS of {file} leaves some out"
+        assert declared, f"{file} makes checks and has no REPORTS_FAULTS"
+        assert told <= {fault.name for fault in declared}, f"REPORTS_FAULTS of {file} leaves some out"
 
 
 def is_fault(node: ast.AST) -> bool:
