@@ -426,7 +426,7 @@ class Line:
         if evidence.under_way:
             return
         for detector in self._detectors:
-            detector.forgive(self._evidence.shows, begun_ns)
+            detector.on_verified(self._evidence.shows, begun_ns)
 
     def _wrong_size(self, width: int, height: int) -> Check:
         wanted = self._reference.image_size_px

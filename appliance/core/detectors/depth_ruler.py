@@ -74,7 +74,7 @@ class DepthRuler(Detector):
         self._just_changed = changed > _sigma_percent(found, before) * self._confidence + self._limit
         return self._just_changed
 
-    def forgive(self, shows: Callable[[Fault], bool], until_ns: int) -> None:
+    def on_verified(self, shows: Callable[[Fault], bool], until_ns: int) -> None:
         """See Detector: the ruler of now is that of the reference, unless it came after the motion."""
         if self._known is None or self._known is self._shown or not self._visible or self._known_ns > until_ns:
             return

@@ -55,7 +55,7 @@ class Detector:
     def forget_poses(self, since_ns: int) -> None:
         """Poses at or after since_ns were stamped wrongly."""
 
-    def forgive(self, shows: Callable[[Fault], bool], until_ns: int) -> None:
+    def on_verified(self, shows: Callable[[Fault], bool], until_ns: int) -> None:
         """Motion has shown the classes of faults for which `shows` is true to be absent.
 
         until_ns: stamp of its latest picture, as a solution is ready some pictures later. A change for which `see` was

@@ -33,7 +33,7 @@ class ExchangedProbe(Detector):
         self._measured, self._confidence_sigma = measured, confidence_sigma
         self._before = self._beyond = 0.0
 
-    def forgive(self, shows: Callable[[Fault], bool], until_ns: int) -> None:
+    def on_verified(self, shows: Callable[[Fault], bool], until_ns: int) -> None:
         """See Detector: of another probe none of the classes is right. It comes with every solution, so each is looked
         at here.
         """

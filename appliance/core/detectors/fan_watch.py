@@ -123,7 +123,7 @@ class FanWatch(Detector):
         """See Detector: what is half seen is seen again."""
         self._search = self._candidate = None
 
-    def forgive(self, shows: Callable[[Fault], bool], until_ns: int) -> None:
+    def on_verified(self, shows: Callable[[Fault], bool], until_ns: int) -> None:
         """See Detector: the fan of now is that of the reference, unless it came after the motion."""
         if self._reference.face_radius_mm is not None:
             self._moving = {check.name: check for check in self._motion()}

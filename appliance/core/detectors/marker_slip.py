@@ -123,7 +123,7 @@ class MarkerSlip(BodySlip):
         self._pictures.clear()
         super().pause(t_ns)
 
-    def forgive(self, shows: Callable[[Fault], bool], until_ns: int) -> None:
+    def on_verified(self, shows: Callable[[Fault], bool], until_ns: int) -> None:
         """See Detector."""
         if shows(Fault.ROTATION):
             self._slip[:3, :3] = np.eye(3)

@@ -187,7 +187,7 @@ class PictureChain(Detector):
         if self._last is not None:
             self._last = replace(self._last, t_ns=min(self._last.t_ns, since_ns - 1))
 
-    def forgive(self, shows: Callable[[Fault], bool], until_ns: int) -> None:
+    def on_verified(self, shows: Callable[[Fault], bool], until_ns: int) -> None:
         """See Detector: the sum of events was wrong or has been undone elsewhere."""
         if shows(Fault.POLARITY):
             self._polarity = (1, 1)

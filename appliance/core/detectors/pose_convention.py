@@ -43,7 +43,7 @@ class PoseConvention(Detector):
             self._named = found
         return False
 
-    def forgive(self, shows: Callable[[Fault], bool], until_ns: int) -> None:
+    def on_verified(self, shows: Callable[[Fault], bool], until_ns: int) -> None:
         """See Detector: poses of another convention do not show all rotations to be right."""
         if shows(Fault.ROTATION):
             self._named = self._latest = None

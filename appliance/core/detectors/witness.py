@@ -110,7 +110,7 @@ class Witness(Detector):
         if self._learning:
             self._learning = []
 
-    def forgive(self, shows: Callable[[Fault], bool], until_ns: int) -> None:
+    def on_verified(self, shows: Callable[[Fault], bool], until_ns: int) -> None:
         """See Detector: the first body is where the calibration has it, so the relative pose is learned anew."""
         if self._named_ns is not None and until_ns > self._named_ns and shows(Fault.ROTATION) and shows(Fault.OFFSET):
             self._named_ns = self.relative_pose = self._relative_pose = None

@@ -37,7 +37,7 @@ class Watched:
 
     def shown(self, shows: Callable[[Fault], bool], pictures_ago: int = 0) -> None:
         """Motion up to so many pictures ago shows these classes to be absent."""
-        self.detector.forgive(shows, (self._count - pictures_ago) * 33_000_000)
+        self.detector.on_verified(shows, (self._count - pictures_ago) * 33_000_000)
 
     def learn(self, show: Callable[[int], GreyImage], pictures: int = 20) -> Check | None:
         for k in range(pictures):

@@ -236,7 +236,7 @@ def test_a_pose_convention_is_withdrawn_when_the_agreed_one_explains_the_motion_
     wrong = [explained(Convention.INVERTED) for _ in range(2)]
     assert convention(*wrong, explained(Convention.AGREED))[1] == [(), ("poses-inverted",), ()]
     detector, said = convention(*wrong)
-    detector.forgive(lambda fault: fault is not Fault.ROTATION, 0)
+    detector.on_verified(lambda fault: fault is not Fault.ROTATION, 0)
     assert detector.checks()
-    detector.forgive(lambda fault: fault is Fault.ROTATION, 0)
+    detector.on_verified(lambda fault: fault is Fault.ROTATION, 0)
     assert (said[-1], detector.checks()) == (("poses-inverted",), ())

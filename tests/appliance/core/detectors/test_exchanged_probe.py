@@ -33,7 +33,7 @@ def told(*found: list[Check]) -> list[bool]:
     detector = ExchangedProbe(lambda: latest[0], LIMITS.confidence_sigma)
     for one in found:
         latest[0] = one
-        detector.forgive(lambda fault: False, 0)
+        detector.on_verified(lambda fault: False, 0)
         said.append(bool(detector.checks()))
     return said
 
@@ -42,7 +42,7 @@ def test_body_and_picture_that_are_far_off_are_another_probe_at_once() -> None:
     latest = finding(EXCHANGED)
     detector = ExchangedProbe(lambda: latest, LIMITS.confidence_sigma)
     assert detector.checks() == ()
-    detector.forgive(lambda fault: False, 0)
+    detector.on_verified(lambda fault: False, 0)
     (check,) = detector.checks()
     assert (check.fault, check.verdict, check.limit) == (Fault.EXCHANGED_PROBE, VerdictKind.FAULT, 1.0)
     assert check.value == pytest.approx(15 / 4 - 0.3)
@@ -85,8 +85,8 @@ def test_what_was_not_measured_is_not_beyond_anything() -> None:
 def test_it_is_withdrawn_as_soon_as_any_of_its_classes_is_shown_to_be_in_order(shown: Fault) -> None:
     latest = finding(EXCHANGED)
     detector = ExchangedProbe(lambda: latest, LIMITS.confidence_sigma)
-    detector.forgive(lambda fault: False, 0)
-    detector.forgive(lambda fault: fault is Fault.POLARITY, 0)
+    detector.on_verified(lambda fault: False, 0)
+    detector.on_verified(lambda fault: fault is Fault.POLARITY, 0)
     assert detector.checks()
-    detector.forgive(lambda fault: fault is shown, 0)
+    detector.on_verified(lambda fault: fault is shown, 0)
     assert detector.checks() == ()

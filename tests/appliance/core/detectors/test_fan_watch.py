@@ -49,7 +49,7 @@ class Watched:
         return {check.name: check for check in self.detector.checks()}
 
     def shown(self, shows: Callable[[Fault], bool] = lambda _: True) -> None:
-        self.detector.forgive(shows, self.t_ns)
+        self.detector.on_verified(shows, self.t_ns)
 
     def learn(self, show: Callable[[int], GreyImage], seconds: float = 1.5) -> None:
         for k in range(round(seconds * self._fps)):
@@ -152,7 +152,7 @@ def test_motion_from_before_the_change_does_not_answer_for_it() -> None:
     watched = learned(STYLES[0])
     before_ns = watched.t_ns
     assert watched.named(pictures(STYLES[0].changed((1.02, 1.02)))) is not None
-    watched.detector.forgive(lambda _: True, before_ns)
+    watched.detector.on_verified(lambda _: True, before_ns)
     assert any(check.verdict is VerdictKind.FAULT for check in watched.detector.checks())
 
 

@@ -277,7 +277,7 @@ def test_a_picture_that_is_shown_again_neither_testifies_nor_takes_anything_away
 
 def test_a_shift_is_forgiven_once_motion_has_shown_the_offset_and_a_turn_is_not() -> None:
     cart = Cart().go(1.0).go(2.0, SLID @ BENT)
-    cart.slip.forgive(lambda fault: fault == "offset", 2_000_000_000)
+    cart.slip.on_verified(lambda fault: fault == "offset", 2_000_000_000)
     turn, shift, across = cart.slip.checks()
     assert (turn.verdict, shift.verdict, across.value) == (VerdictKind.FAULT, VerdictKind.OK, 0.0)
 

@@ -135,11 +135,11 @@ def test_motion_that_shows_the_first_in_place_has_the_second_learned_anew() -> N
     observation = Observation(now_ns, IMAGE, repeated=False)
     assert [detector.see(observation), detector.see(observation)] == [True, False]
     before = round(MINUTE * 1e9)
-    detector.forgive(lambda fault: True, before)
+    detector.on_verified(lambda fault: True, before)
     assert named(detector)
-    detector.forgive(lambda fault: fault is not Fault.ROTATION, now_ns)
+    detector.on_verified(lambda fault: fault is not Fault.ROTATION, now_ns)
     assert named(detector)
-    detector.forgive(lambda fault: True, now_ns)
+    detector.on_verified(lambda fault: True, now_ns)
     assert not named(detector)
     assert not any(fed(detector, changes[step + 60 :], first=step + 60))
     assert detector.relative_pose is not None
