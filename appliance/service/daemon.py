@@ -18,7 +18,7 @@ from appliance.service.control.live_configuration import LiveConfiguration
 from appliance.service.control.proposals import Proposals
 from appliance.service.control.recalibration import Recalibration
 from appliance.service.control.references import References
-from appliance.service.control.requests import Hands, Requests
+from appliance.service.control.requests import Requests, ServiceActions
 from appliance.service.control.rights import Onlookers
 from appliance.service.control.server import ControlServer
 from appliance.service.control.service_status import ServiceStatus
@@ -111,7 +111,7 @@ class Daemon:
 
     def _make_requests(self, recalibration: Recalibration, onlookers: Onlookers) -> Requests:
         return Requests(
-            Hands(
+            ServiceActions(
                 ask=self._supervision.ask,
                 status=self._make_status().fields,
                 clear_bump=self._devices.tracker.clear_bump,

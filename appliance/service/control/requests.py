@@ -36,8 +36,8 @@ _FIELDS: Mapping[str, tuple[str, ...]] = {
 
 
 @dataclass(frozen=True, slots=True)
-class Hands:
-    """Everything of the service that a request may move. note: adds an entry to the alarm log.
+class ServiceActions:
+    """What a request may do to the service. note: adds an entry to the alarm log.
 
     onlookers: ids of the users who may ask for the status and for nothing else. worker: for the list of users, and for
     nothing else, so that a list that hangs keeps no file waiting.
@@ -61,24 +61,24 @@ class Requests:
     that no client can flood the log, each user may ask only so often.
     """
 
-    def __init__(self, hands: Hands) -> None:
-        self._hands = hands
+    def __init__(self, actions: ServiceActions) -> None:
+        self._actions = actions
         self._allowance = Allowance()
         self._names: dict[int, str] = {}
         self._asking, self._peer = "", Peer(0, 0)
         self._table: dict[str, Callable[[Body], Reply | None]] = {
-            "status": lambda _: {"status": hands.status(self._peer)},
+            "status": lambda _: {"status": actions.status(self._peer)},
             "acknowledge": lambda _: self._acknowledge(),
             "pause-audio": self._pause_audio,
             "audio-off": self._audio_off,
-            "audio-on": lambda _: hands.annunciator.audio.on(),
-            "lamp-test": lambda _: hands.annunciator.test_lamps(hands.now_ns()),
+            "audio-on": lambda _: actions.annunciator.audio.on(),
+            "lamp-test": lambda _: actions.annunciator.test_lamps(actions.now_ns()),
             "clear-bump": self._clear_bump,
-            "propose-calibration": lambda body: {"proposal": hands.recalibration.propose(_wanted(body, ""))},
+            "propose-calibration": lambda body: {"proposal": actions.recalibration.propose(_wanted(body, ""))},
             "begin-recalibration": self._begin_recalibration,
             "end-recalibration": self._end_recalibration,
             "abort-recalibration": self._abort_recalibration,
-            "reload": lambda _: hands.reload(),
+            "reload": lambda _: actions.reload(),
         }
 
     @property
@@ -93,14 +93,14 @@ class Requests:
         return {**reply, "ignored": ignored} if ignored else reply
 
     def _answered(self, do: str, body: Body, who: Peer) -> Reply:
-        self._hands.hold.hear(who, self._hands.now_ns())
+        self._actions.hold.hear(who, self._actions.now_ns())
         self._peer = who
         if do not in self._table:
             raise ControlRefused(f"'{do[:40]}' is not a request of this service; it knows {', '.join(self._table)}")
-        if do != "status" and who.uid in self._hands.onlookers:
+        if do != "status" and who.uid in self._actions.onlookers:
             where = "viewers of [control] and [feed]"
             raise ControlRefused(f"{self._name(who.uid)} may ask for the status and nothing else ({where})")
-        if do == "status" or (do == "audio-on" and not self._hands.annunciator.audio.silenced):
+        if do == "status" or (do == "audio-on" and not self._actions.annunciator.audio.silenced):
             return self._table[do](body) or {}
         self._refuse_too_many(do, who)
         self._asking = f"{self._name(who.uid)}, process {who.pid}"
@@ -109,7 +109,7 @@ class Requests:
         return reply
 
     def _refuse_too_many(self, do: str, who: Peer) -> None:
-        wait_ns = self._allowance.wait_ns(who.uid, self._hands.now_ns())
+        wait_ns = self._allowance.wait_ns(who.uid, self._actions.now_ns())
         if wait_ns and do not in _ALWAYS:
             rate = f"{BURST} at once, then one in {EVERY_NS // 10**9} s"
             wait_s = math.ceil(wait_ns / 1e9)
@@ -117,49 +117,49 @@ class Requests:
 
     def _note(self, do: str, body: Body, reply: Reply, who: Peer) -> None:
         if do not in _ALWAYS:
-            self._allowance.take(who.uid, self._hands.now_ns())
+            self._allowance.take(who.uid, self._actions.now_ns())
         said = {
             key: printable(str(body[key]))
             for key in ("file", "number", "confirm", "reason", "seconds", "hold_s")
             if key in body
         }
         said |= {"acknowledged": printable(reply["acknowledged"])} if "acknowledged" in reply else {}
-        self._hands.note(Event.REQUEST, do=do, who=self._asking, **said)
+        self._actions.note(Event.REQUEST, do=do, who=self._asking, **said)
 
     def _name(self, uid: int) -> str:
         """Looked up once; a list of users may be on a disk, or on the network, that does not answer."""
         try:
             if uid not in self._names:
-                self._names[uid] = self._hands.worker.run("the list of users", lambda: pwd.getpwuid(uid).pw_name)
+                self._names[uid] = self._actions.worker.run("the list of users", lambda: pwd.getpwuid(uid).pw_name)
             return self._names[uid]
         except (ControlRefused, KeyError):
             return f"uid {uid}"
 
     def _acknowledge(self) -> Reply:
         """What was acknowledged, which another alarm may follow at once."""
-        seen = self._hands.ask(Request.ACKNOWLEDGE)
+        seen = self._actions.ask(Request.ACKNOWLEDGE)
         return {} if seen is None else {"acknowledged": f"{seen.state.value}: {seen.reason}"}
 
     def _begin_recalibration(self, body: Body) -> None:
         hold_s = hold_s_of(body.get("hold_s"))
         self._refuse_other(begins=True)
-        self._hands.recalibration.begin()
-        self._hands.hold.begin(self._peer, self._asking, hold_s, self._hands.now_ns())
+        self._actions.recalibration.begin()
+        self._actions.hold.begin(self._peer, self._asking, hold_s, self._actions.now_ns())
 
     def _end_recalibration(self, body: Body) -> None:
         """From then on the service proves by itself what was taken."""
         self._refuse_other()
-        self._hands.recalibration.end(_wanted(body, self._asking))
-        self._hands.hold.give()
+        self._actions.recalibration.end(_wanted(body, self._asking))
+        self._actions.hold.give()
 
     def _abort_recalibration(self, _: Body) -> None:
         self._refuse_other()
-        self._hands.recalibration.abort()
-        self._hands.hold.release()
+        self._actions.recalibration.abort()
+        self._actions.hold.release()
 
     def _refuse_other(self, begins: bool = False) -> None:
         """Raises ControlRefused while another recalibrates than who asks now."""
-        self._hands.hold.refuse_other(self._peer, self._hands.now_ns(), begins)
+        self._actions.hold.refuse_other(self._peer, self._actions.now_ns(), begins)
 
     def _pause_audio(self, body: Body) -> None:
         seconds = body.get("seconds", LONGEST_PAUSE_NS // 10**9)
@@ -167,18 +167,18 @@ class Requests:
             raise ControlRefused("seconds must be a number")
         ns = seconds * 1e9 if abs(seconds) < LONGEST_PAUSE_NS else math.inf
         try:
-            self._hands.annunciator.audio.pause(self._hands.now_ns(), round(min(ns, 2 * LONGEST_PAUSE_NS)))
+            self._actions.annunciator.audio.pause(self._actions.now_ns(), round(min(ns, 2 * LONGEST_PAUSE_NS)))
         except ValueError as error:
             raise ControlRefused(str(error)) from None
 
     def _audio_off(self, body: Body) -> None:
         try:
-            self._hands.annunciator.audio.off(printable(str(body.get("reason", ""))))
+            self._actions.annunciator.audio.off(printable(str(body.get("reason", ""))))
         except ValueError as error:
             raise ControlRefused(str(error)) from None
 
     def _clear_bump(self, body: Body) -> None:
-        if not self._hands.clear_bump():
+        if not self._actions.clear_bump():
             raise ControlRefused("the tracker has no bump detector, or is lost")
 
 

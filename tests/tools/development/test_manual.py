@@ -10,7 +10,7 @@ import pytest
 from appliance.configuration.config import SupervisorTimes
 from appliance.core.quality.gesture import Gesture
 from appliance.limits import Limits
-from appliance.service.control.requests import Hands, Requests
+from appliance.service.control.requests import Requests, ServiceActions
 from appliance.service.control.status import alarm_fields, check_lists
 from appliance.supervision.alarms import HAZARDS
 from appliance.supervision.policy import POLICY
@@ -201,8 +201,8 @@ def test_the_page_shows_every_transition_in_the_order_in_which_they_are_tried() 
 def test_the_page_on_the_control_socket_lists_every_request_and_every_field_of_the_status() -> None:
     text = (DOCS / "control.md").read_text(encoding="utf-8")
     requests, status = text.split("## Status")
-    hands = Hands(**{one.name: None for one in fields(Hands)})  # type: ignore[arg-type]
-    assert set(re.findall(r"^\| `([a-z-]+)` \|", requests, re.M)) == set(Requests(hands).names)
+    actions = ServiceActions(**{one.name: None for one in fields(ServiceActions)})  # type: ignore[arg-type]
+    assert set(re.findall(r"^\| `([a-z-]+)` \|", requests, re.M)) == set(Requests(actions).names)
     alarm = AlarmState(State.MONITORING, 0, None, "", True, None)
     known = alarm_fields(0, alarm, "en").keys() | check_lists(0, None, ()).keys()
     assert known <= set(re.findall(r"^\| `([a-z_]+)` \|", status, re.M))

@@ -12,7 +12,7 @@ from appliance.service.control.allowance import BURST
 from appliance.service.control.deadline_worker import DeadlineWorker
 from appliance.service.control.hold import Hold
 from appliance.service.control.recalibration import Recalibration, Wanted
-from appliance.service.control.requests import Hands, Requests
+from appliance.service.control.requests import Requests, ServiceActions
 from appliance.service.control.rights import user_ids
 from appliance.service.control.server import ControlRefused, Peer
 from appliance.storage.alarm_log import ENTRIES_A_SEGMENT, SEGMENTS_KEPT
@@ -40,7 +40,7 @@ class Desk:
         self.hold = Hold(lambda: None, lambda *_, **__: None, lambda _: True)
         recalibration = SimpleNamespace(propose=take, end=take, begin=lambda: None, abort=lambda: None)
         self.requests = Requests(
-            Hands(
+            ServiceActions(
                 ask=lambda request: self.alarm if request is Request.ACKNOWLEDGE else None,
                 status=lambda _: {},
                 clear_bump=nothing,
