@@ -156,7 +156,7 @@ class SupervisorTimes(_Section):
             video_ns=_ns(self.video_silence_ms / 1e3),
             tracker_ns=_ns(self.tracker_silence_ms / 1e3),
             stale_ns=_ns(self.tracker_stale_ms / 1e3),
-            unseen_ns=_ns(self.unseen_s),
+            out_of_sight_ns=_ns(self.unseen_s),
             estimator_ns=_ns(self.estimator_silence_ms / 1e3),
             output_ns=_ns(self.output_silence_ms / 1e3),
         )

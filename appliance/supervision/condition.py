@@ -7,7 +7,7 @@ from appliance.types import Fault
 
 @dataclass(slots=True)
 class Condition:
-    """It is shown, or stands (neither shown nor disproved), or is gone.
+    """It is shown, or unconfirmed (neither shown nor disproved), or gone.
 
     onset_ns: when it was first shown since it was last gone, None while gone. named_ns: since when it has been shown as
     this fault. lifted_ns: when it went.
@@ -31,7 +31,7 @@ class Condition:
         self.fault, self.reason, self.shown = fault, reason, True
         self.onset_ns = now_ns if self.onset_ns is None else self.onset_ns
 
-    def stand(self) -> None:
+    def mark_unconfirmed(self) -> None:
         self.shown = False
 
     def lift(self, now_ns: int) -> None:

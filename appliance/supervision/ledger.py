@@ -120,13 +120,13 @@ class Ledger:
         self._told = frozenset(one for one, _ in told)
         unrecovered = next((one for one, check in told if _requests(one, check)), None)
         if unrecovered is None:
-            self.unrecovered.stand()
+            self.unrecovered.mark_unconfirmed()
         else:
             self.unrecovered.show(self.now_ns, unrecovered, reason)
 
     def _stand(self) -> None:
-        self.calibration.stand()
-        self.unrecovered.stand()
+        self.calibration.mark_unconfirmed()
+        self.unrecovered.mark_unconfirmed()
 
     def _note_verification(self, verdict: Verdict) -> None:
         """Age counts from the motion, not from the verdict. What was measured before the last disturbance, or claims to

@@ -164,7 +164,7 @@ class Supervisor:
         """Other durations from the next step on."""
         self._ledger.durations = durations
 
-    def doubt(self) -> None:
+    def invalidate_verification(self) -> None:
         """What was measured until now verifies nothing any more, as when the limits have changed."""
         self._ledger.forget_verification()
 

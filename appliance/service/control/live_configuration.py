@@ -59,9 +59,9 @@ class LiveConfiguration:
         timeouts, self.timeouts = self.timeouts, self.config.supervisor.timeouts()
         if (self.config.limits, self.timeouts.stale_ns) != (before.limits, timeouts.stale_ns):
             self._estimator.limit(self.config.limits, self.timeouts.stale_ns)
-            self._supervisor.doubt()
+            self._supervisor.invalidate_verification()
         elif self.config.supervisor.max_verification_age_s > before.supervisor.max_verification_age_s:
-            self._supervisor.doubt()  # what has expired does not count again
+            self._supervisor.invalidate_verification()  # what has expired does not count again
         if self.config != before:
             told = configuration_fields(self.config, self.file)
             rest = {"noise": noise_fields(self.config), "limits": limits_fields(self.config.limits)}

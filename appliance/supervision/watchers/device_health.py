@@ -60,7 +60,7 @@ class Timeouts:
     video_ns: int = 500_000_000
     tracker_ns: int = 500_000_000
     stale_ns: int = round(TRACKER_STALE_MS * 1e6)
-    unseen_ns: int = 3_000_000_000
+    out_of_sight_ns: int = 3_000_000_000
     estimator_ns: int = 1_000_000_000
     output_ns: int = 500_000_000
     log_ns: int = 2_000_000_000

@@ -28,12 +28,12 @@ def tracker_freshness(now_ns: int, health: DeviceHealth, timeouts: Timeouts) -> 
 
 
 def line_of_sight(now_ns: int, health: DeviceHealth, timeouts: Timeouts) -> Check:
-    """NOT_VERIFIED when the tracker has answered without a pose for timeouts.unseen_ns.
+    """NOT_VERIFIED when the tracker has answered without a pose for timeouts.out_of_sight_ns.
 
     A probe laid aside or hidden is no fault of a device, but nothing can be verified meanwhile.
     """
     age_ns = _without_pose_ns(now_ns, health) if health.replies.status in _UNSEEN else 0
-    return silence("line of sight", Fault.LINE_OF_SIGHT, age_ns, timeouts.unseen_ns, VerdictKind.NOT_VERIFIED)
+    return silence("line of sight", Fault.LINE_OF_SIGHT, age_ns, timeouts.out_of_sight_ns, VerdictKind.NOT_VERIFIED)
 
 
 def pose_usable(now_ns: int, health: DeviceHealth, timeouts: Timeouts) -> Check:

@@ -64,7 +64,7 @@ def test_units_become_nanoseconds(tmp_path: Path) -> None:
     times = load_config(written(tmp_path, text)).supervisor
     assert times.durations().halt_after_ns == 250_000_000
     assert times.timeouts().video_ns == 120_000_000
-    assert times.timeouts().unseen_ns == 5_000_000_000
+    assert times.timeouts().out_of_sight_ns == 5_000_000_000
 
 
 def test_the_commented_example_is_valid_and_names_every_key_with_its_default() -> None:

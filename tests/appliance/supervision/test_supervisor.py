@@ -941,7 +941,7 @@ def test_no_sequence_energises_with_a_hazard_or_without_fresh_verification(event
 def test_what_was_verified_within_other_limits_verifies_nothing() -> None:
     room = room_in(State.MONITORING)
     doubted_ns = room.now_ns
-    room.supervisor.doubt()
+    room.supervisor.invalidate_verification()
     assert room.at(TICK_NS) is N
     assert not room.alarm.energised
     assert room.at(TICK_NS, ok(doubted_ns)) is N
@@ -961,7 +961,7 @@ def test_not_verified_never_says_calibration_verified() -> None:
         is N
     )
     assert room.alarm.reason == "the last verification is too old; move the probe over tissue"
-    room.supervisor.doubt()
+    room.supervisor.invalidate_verification()
     assert room.at(TICK_NS, Inputs((replace(said, t_ns=old_ns, verified_ns=old_ns),))) is N
     assert room.alarm.reason == "verified only before a disturbance; move the probe over tissue"
 

@@ -118,7 +118,7 @@ class Room(RuleBasedStateMachine):
 
     @rule()
     def limits_change(self) -> None:
-        self.supervisor.doubt()
+        self.supervisor.invalidate_verification()
         self.ok_ns = None
         self.step(50 * MS_NS)
 

@@ -107,9 +107,9 @@ def test_a_bad_marker_body_or_field_fails_beyond_its_limit(figure: str, limit: f
 
 @pytest.mark.parametrize("status", [PoseStatus.MISSING, PoseStatus.OUT_OF_VOLUME, PoseStatus.PARTIAL])
 def test_a_hidden_probe_is_not_verified_and_no_fault(status: PoseStatus) -> None:
-    hidden = replying(status=status, pose_ns=NOW_NS - TIMEOUTS.unseen_ns)
+    hidden = replying(status=status, pose_ns=NOW_NS - TIMEOUTS.out_of_sight_ns)
     assert failing(hidden) == {}
-    assert failing(replying(status=status, pose_ns=NOW_NS - TIMEOUTS.unseen_ns - 1)) == {
+    assert failing(replying(status=status, pose_ns=NOW_NS - TIMEOUTS.out_of_sight_ns - 1)) == {
         "line-of-sight": VerdictKind.NOT_VERIFIED
     }
 
