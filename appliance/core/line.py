@@ -266,7 +266,7 @@ class Line:
                 self._lose_sight(t_ns)
         self._note_sight(item)
         self._solve(t_ns, solve_every_ns(self._evidence.window.span_ns, isinstance(item, StampedPair)))
-        self._evidence.glance()
+        self._evidence.check_obvious_flip()
         return self._judged(t_ns, self._checks())
 
     def _note_gap(self, t_ns: int) -> None:

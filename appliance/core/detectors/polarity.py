@@ -45,7 +45,7 @@ the calibration is right, .6 where it is off by 20° (one second of a sweep, one
 another convention is near it, less asks for a calibration that is right but for the flip."""
 
 
-def evident_flip(samples: PathSamples, reference: Calibration, ahead_nats: float) -> Check | None:
+def obvious_flip(samples: PathSamples, reference: Calibration, ahead_nats: float) -> Check | None:
     """FAULT where one flip explains the motion and nothing else does, whatever the noise; None anywhere else. It needs
     no solution, and less motion. Raises ValueError where the samples are too few.
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 from math import isnan
 
 from appliance.core.detectors.calibration_change import latency_check
-from appliance.core.detectors.polarity import evident_flip
+from appliance.core.detectors.polarity import obvious_flip
 from appliance.core.handeye.second_opinion import SecondOpinion, second_opinion
 from appliance.core.path.explanation import Explanation
 from appliance.core.path.solver import Follow
@@ -25,7 +25,7 @@ from appliance.types import PARAMETERS, Calibration, Check, Fault, VerdictKind
 _AS_IT_WAS = 0.5
 """Share of its limit by which what is wrong may move and is no other change: two to three sigmas of a short window in
 the study's gesture. Less starts again for noise, more takes one that grows still for one that stands."""
-_GLANCED_NS = 2_000_000_000
+_OBVIOUS_FLIP_NS = 2_000_000_000
 """Length of the window up to which each picture is looked at for an evident flip, 1 ms: a solution tells it by then."""
 _REQUIRED_FOR = {
     Fault.POLARITY: ("polarity",),
@@ -273,12 +273,12 @@ class Evidence:
         self._choice.note(unnamed, now_ns)
         self.points.note(self._latest, now_ns, self.status, window.stamps_err_s)
 
-    def glance(self) -> None:
+    def check_obvious_flip(self) -> None:
         """Look for a flip that needs no solution: at every picture of the first motion, while the polarity is open."""
-        if self._polarity_known or not 0 < self.window.span_ns < _GLANCED_NS:
+        if self._polarity_known or not 0 < self.window.span_ns < _OBVIOUS_FLIP_NS:
             return
         try:
-            check = evident_flip(self.window.samples(0.0), self._reference, NAMED_NATS)
+            check = obvious_flip(self.window.samples(0.0), self._reference, NAMED_NATS)
         except ValueError:
             return
         if check is not None:

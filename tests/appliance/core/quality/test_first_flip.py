@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from appliance.core.detectors.polarity import evident_flip
+from appliance.core.detectors.polarity import obvious_flip
 from appliance.core.path.window import PathWindow
 from appliance.core.quality.evidence import Evidence
 from appliance.core.quality.sequential_test import NAMED_NATS
@@ -48,7 +48,7 @@ def first_fault(whole: PathWindow) -> tuple[float, Fault] | None:
         window.add(seen)
         if index % SOLVED_EVERY == 0:
             evidence.solve(window.now_ns)
-        evidence.glance()
+        evidence.check_obvious_flip()
         failed = [check.fault for check in evidence.checks() if check.verdict is VerdictKind.FAULT]
         if failed:
             assert evidence.status.verified_ns is None
@@ -75,7 +75,7 @@ def test_what_was_named_stays_named_when_solutions_come() -> None:
         window.add(seen)
         if index % SOLVED_EVERY == 0:
             evidence.solve(window.now_ns)
-        evidence.glance()
+        evidence.check_obvious_flip()
         named.append(any(check.verdict is VerdictKind.FAULT for check in evidence.checks()))
     assert all(named[named.index(True) :])
 
@@ -88,15 +88,15 @@ def sideways(t_s: Array) -> Array:
 
 @pytest.mark.parametrize("truth", [TRUTH, mirrored(-1, 1)])
 def test_motion_along_one_line_makes_no_flip_evident(truth) -> None:
-    assert evident_flip(filled(sideways, 1.0, 5, truth=truth).samples(0.0), TRUTH, NAMED_NATS) is None
+    assert obvious_flip(filled(sideways, 1.0, 5, truth=truth).samples(0.0), TRUTH, NAMED_NATS) is None
 
 
 def test_a_mirrored_picture_whose_motion_no_flip_explains_is_not_named_at_a_glance() -> None:
     """The sensor is turned by 60° besides."""
     turned = replace(TRUTH, rotation=rotation_from_vector(np.array([0, 0, np.pi / 3])) @ TRUTH.rotation)
     samples = filled(tilting_path, 0.6, 6, truth=mirrored(-1, 1)).samples(0.0)
-    assert evident_flip(samples, TRUTH, NAMED_NATS) is not None
-    assert evident_flip(samples, turned, NAMED_NATS) is None
+    assert obvious_flip(samples, TRUTH, NAMED_NATS) is not None
+    assert obvious_flip(samples, turned, NAMED_NATS) is None
 
 
 @pytest.mark.parametrize("late_s", [0.1, -0.1, 0.3, 0.45])

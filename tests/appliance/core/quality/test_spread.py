@@ -103,8 +103,8 @@ def test_a_sign_from_elsewhere_drops_it(monkeypatch: pytest.MonkeyPatch) -> None
     evidence.begin(evidence.window.now_ns)
     evidence.go_on(0)
     flip = replace(flip, value=1.0, verdict=VerdictKind.FAULT)
-    monkeypatch.setattr("appliance.core.quality.evidence.evident_flip", lambda *_: flip)
-    evidence.glance()
+    monkeypatch.setattr("appliance.core.quality.evidence.obvious_flip", lambda *_: flip)
+    evidence.check_obvious_flip()
     assert not evidence.under_way
     assert flip in evidence.checks()
 
