@@ -35,7 +35,7 @@ is open by then (`Timeouts.estimator_ns`), so these cost only recovery: shorter 
 """
 _WORKING_S = 0.3
 """Silence up to which the estimator counts as working: three of its reports."""
-_BURIAL_S, _LAST_BURIAL_S = 0.05, 1.0
+_REAP_TIMEOUT_S, _LAST_REAP_TIMEOUT_S = 0.05, 1.0
 """How long a killed process is waited for: in a tick, of which it may take one; at the end of the service. One that
 does not die by then is looked for again each tick.
 """
@@ -164,7 +164,7 @@ class EstimatorHost:
 
     def close(self) -> None:
         """Stop the process and free the rings."""
-        self._stop(_LAST_BURIAL_S)
+        self._stop(_LAST_REAP_TIMEOUT_S)
         self._frames.close()
         self._poses.close()
 
@@ -182,7 +182,7 @@ class EstimatorHost:
         return reports
 
     def _look_after(self, now_s: float) -> None:
-        self._bury()
+        self._reap()
         if self._process is None:
             if now_s >= self._start_at_s:
                 self._start(now_s)
@@ -248,15 +248,15 @@ class EstimatorHost:
             self._link.close()
             self._link = None
 
-    def _stop(self, timeout_s: float = _BURIAL_S) -> None:
+    def _stop(self, timeout_s: float = _REAP_TIMEOUT_S) -> None:
         self._drop_link()
         if self._process is not None:
             self._process.send_signal(signal.SIGKILL)
             self._dying.append(self._process)
             self._process, self._has_reported = None, False
-            self._bury(timeout_s)
+            self._reap(timeout_s)
 
-    def _bury(self, timeout_s: float = 0.0) -> None:
+    def _reap(self, timeout_s: float = 0.0) -> None:
         """Collect the processes that are dead by now; one that waits in the kernel for a disk cannot die before it."""
         for process in tuple(self._dying):
             with suppress(subprocess.TimeoutExpired):

@@ -27,7 +27,7 @@ picture; shorter spends the processor on what cannot start.
 """
 _LASTED_S = 60.0
 """Of a process after which its death is no sign that it cannot run."""
-_BURIAL_S = 1.0
+_REAP_TIMEOUT_S = 1.0
 """For which the end of the service waits for a killed process."""
 _BACKLOG = 128
 """Clients that wait at the door, in order, so that a crowd which says nothing keeps nobody out for long."""
@@ -93,8 +93,8 @@ class FeedHost:
         return self._tap.fds
 
     def look_after(self) -> None:
-        """Once a tick; never blocks. Start the process when a client waits, and bury it when it has ended."""
-        self._bury()
+        """Once a tick; never blocks. Start the process when a client waits, and reap it when it has ended."""
+        self._reap()
         now_s = time.monotonic()
         if self._process is not None:
             if self._process.poll() is not None:
@@ -105,7 +105,7 @@ class FeedHost:
     def close(self) -> None:
         """End the process, and take the socket away."""
         self._end_process()
-        self._bury(_BURIAL_S)
+        self._reap(_REAP_TIMEOUT_S)
         self._close_tap()
         if self._listener is not None and self._path is not None:
             self._listener.close()
@@ -150,7 +150,7 @@ class FeedHost:
             self._dying.append(self._process)
             self._process = None
 
-    def _bury(self, timeout_s: float = 0.0) -> None:
+    def _reap(self, timeout_s: float = 0.0) -> None:
         for process in tuple(self._dying):
             with suppress(subprocess.TimeoutExpired):
                 process.wait(timeout_s)

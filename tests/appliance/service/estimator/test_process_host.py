@@ -207,7 +207,7 @@ def test_a_hung_one_is_named_and_polling_it_never_waits(impatient: EstimatorHost
 
 
 @pytest.mark.thorough
-def test_one_that_no_signal_reaches_holds_up_no_poll_and_is_buried_later(
+def test_one_that_no_signal_reaches_holds_up_no_poll_and_is_reaped_later(
     impatient: EstimatorHost, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A process that waits in the kernel for a disk dies when the disk has answered, not when it is killed."""
