@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from appliance.core.acquisition.input_validation import checked_pose, refused_picture
 from appliance.core.acquisition.pairing import Pairing, Unpaired
-from appliance.core.acquisition.stamp_gate import Passage, StampGate
+from appliance.core.acquisition.stamp_gate import StampCheck, StampGate
 from appliance.core.detectors.depth_ruler import DepthRuler
 from appliance.core.detectors.detector import Detector, Observation
 from appliance.core.detectors.exchanged_probe import ExchangedProbe
@@ -167,10 +167,10 @@ class Line:
     def step(self, sample: Frame | Pose) -> tuple[Verdict, ...]:
         """Take the next sample; one verdict for each frame that it settles."""
         gate = self._count(sample)
-        passage = gate.step(sample.stamp.t_ns)
-        if passage is Passage.REFUSED:
+        checked = gate.step(sample.stamp.t_ns)
+        if checked is StampCheck.REFUSED:
             return self._refused(sample)
-        if passage is Passage.TURNED_BACK:
+        if checked is StampCheck.WENT_BACKWARDS:
             self._turn_back(sample)
         if isinstance(sample, Pose):
             sample = checked_pose(sample)
@@ -220,7 +220,7 @@ class Line:
         """A frame with a stamp that cannot be believed is settled at the time of the last one that could."""
         if isinstance(sample, Pose):
             return ()
-        self._pairing.unpaired[Passage.REFUSED.value] += 1
+        self._pairing.unpaired[StampCheck.REFUSED.value] += 1
         return (self._judged(self._frame_gate.last_ns or 0, self._checks()),)
 
     def _turn_back(self, sample: Frame | Pose) -> None:

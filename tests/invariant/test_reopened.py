@@ -11,7 +11,7 @@ from dataclasses import replace
 import pytest
 
 from appliance.core.acquisition.pairing import Unpaired
-from appliance.core.acquisition.stamp_gate import Passage, StampGate
+from appliance.core.acquisition.stamp_gate import StampCheck, StampGate
 from appliance.core.detectors import picture_chain
 from appliance.core.detectors.picture_chain import PictureChain
 from appliance.core.line import Line
@@ -61,11 +61,11 @@ def test_hole_1_a_frame_without_a_pose_repeats_the_last_checks(monkeypatch: pyte
 @pytest.mark.slow
 @pytest.mark.parametrize("stream", ["frame", "pose"])
 def test_hole_2_a_stamp_in_the_future_is_believed(monkeypatch: pytest.MonkeyPatch, stream: str) -> None:
-    def believed(self: StampGate, t_ns: int) -> Passage:
+    def believed(self: StampGate, t_ns: int) -> StampCheck:
         if self.last_ns is not None and t_ns <= self.last_ns:
-            return Passage.REFUSED
+            return StampCheck.REFUSED
         self.last_ns = t_ns
-        return Passage.IN
+        return StampCheck.IN
 
     monkeypatch.setattr(StampGate, "step", believed)
     with pytest.raises(AssertionError):

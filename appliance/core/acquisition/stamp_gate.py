@@ -10,14 +10,14 @@ _AGREEING = 3
 stamps move the stream. At 4 Hz, three are .75 s, within the second that is promised (docs/failures.md)."""
 
 
-class Passage(Enum):
-    """IN: in order. REFUSED: a leap that nothing has confirmed. TURNED_BACK: in, and what came before it was stamped in
-    the future: whatever is not older than this sample must be forgotten.
+class StampCheck(Enum):
+    """IN: in order. REFUSED: a leap that nothing has confirmed. WENT_BACKWARDS: in, and what came before it was stamped
+    in the future: whatever is not older than this sample must be forgotten.
     """
 
     IN = "in order"
     REFUSED = "its time goes back, or leaps ahead by more than 2 s"
-    TURNED_BACK = "turned back"
+    WENT_BACKWARDS = "went backwards"
 
 
 class StampGate:
@@ -28,18 +28,18 @@ class StampGate:
         self._leap_ns = 0
         self._agreeing = 0
 
-    def step(self, t_ns: int) -> Passage:
+    def step(self, t_ns: int) -> StampCheck:
         """Judge the next sample of the stream by its stamp."""
         last_ns = self.last_ns
         if last_ns is None or _follows(last_ns, t_ns):
             self.last_ns, self._agreeing = t_ns, 0
-            return Passage.IN
+            return StampCheck.IN
         self._agreeing = self._agreeing + 1 if self._agreeing and _follows(self._leap_ns, t_ns) else 1
         self._leap_ns = t_ns
         if self._agreeing < _AGREEING:
-            return Passage.REFUSED
+            return StampCheck.REFUSED
         self.last_ns, self._agreeing = t_ns, 0
-        return Passage.TURNED_BACK if t_ns <= last_ns else Passage.IN
+        return StampCheck.WENT_BACKWARDS if t_ns <= last_ns else StampCheck.IN
 
 
 def _follows(before_ns: int, t_ns: int) -> bool:

@@ -4,44 +4,44 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from appliance.core.acquisition.stamp_gate import Passage, StampGate
+from appliance.core.acquisition.stamp_gate import StampCheck, StampGate
 
 MS = 1_000_000
-IN, REFUSED, TURNED_BACK = Passage.IN, Passage.REFUSED, Passage.TURNED_BACK
+IN, REFUSED, WENT_BACKWARDS = StampCheck.IN, StampCheck.REFUSED, StampCheck.WENT_BACKWARDS
 
 
-def passages(*times_ms: float) -> list[Passage]:
+def checks(*times_ms: float) -> list[StampCheck]:
     gate = StampGate()
     return [gate.step(round(t * MS)) for t in times_ms]
 
 
 def test_a_stream_in_order_passes() -> None:
-    assert passages(0, 33, 66, 1800, 1833) == [IN] * 5
+    assert checks(0, 33, 66, 1800, 1833) == [IN] * 5
 
 
 @pytest.mark.parametrize("again_ms", [33, 20, -5000])
 def test_a_stamp_that_does_not_go_forward_is_refused(again_ms: float) -> None:
-    assert passages(0, 33, again_ms, 66) == [IN, IN, REFUSED, IN]
+    assert checks(0, 33, again_ms, 66) == [IN, IN, REFUSED, IN]
 
 
 def test_stamps_all_alike_never_pass_again() -> None:
-    assert passages(*[40] * 200) == [IN] + [REFUSED] * 199
+    assert checks(*[40] * 200) == [IN] + [REFUSED] * 199
 
 
 def test_one_stamp_far_in_the_future_is_refused_and_holds_nothing_up() -> None:
-    assert passages(0, 33, 3_600_000, 66, 99) == [IN, IN, REFUSED, IN, IN]
+    assert checks(0, 33, 3_600_000, 66, 99) == [IN, IN, REFUSED, IN, IN]
 
 
 def test_a_stamp_a_little_in_the_future_is_found_out_by_the_next_three() -> None:
-    assert passages(0, 33, 900, 66, 99, 133, 166) == [IN, IN, IN, REFUSED, REFUSED, TURNED_BACK, IN]
+    assert checks(0, 33, 900, 66, 99, 133, 166) == [IN, IN, IN, REFUSED, REFUSED, WENT_BACKWARDS, IN]
 
 
 def test_a_future_stamp_before_all_others_is_found_out_too() -> None:
-    assert passages(10_000, 33, 66, 99, 133) == [IN, REFUSED, REFUSED, TURNED_BACK, IN]
+    assert checks(10_000, 33, 66, 99, 133) == [IN, REFUSED, REFUSED, WENT_BACKWARDS, IN]
 
 
 def test_after_a_gap_the_stream_passes_once_three_agree() -> None:
-    assert passages(0, 33, 9000, 9033, 9066, 9100) == [IN, IN, REFUSED, REFUSED, IN, IN]
+    assert checks(0, 33, 9000, 9033, 9066, 9100) == [IN, IN, REFUSED, REFUSED, IN, IN]
 
 
 @given(st.lists(st.integers(0, 10**11), max_size=80), st.integers(0, 10**11))
