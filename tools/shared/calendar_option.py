@@ -6,7 +6,7 @@ from typing import Any
 import click
 
 
-class _Told(click.DateTime):
+class _DateOption(click.DateTime):
     """Refuses in words what click refuses in the formats of a programming language."""
 
     def __init__(self, formats: list[str], what: str) -> None:
@@ -16,14 +16,14 @@ class _Told(click.DateTime):
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> datetime:
         """Raises click.BadParameter."""
         try:
-            told: datetime = super().convert(value, param, ctx)
+            moment: datetime = super().convert(value, param, ctx)
         except click.BadParameter:
             self.fail(f"'{value}' is not {self._what}", param, ctx)
-        return told
+        return moment
 
 
-DAY = _Told(["%Y-%m-%d"], "a day of the calendar, written as 2026-01-15")
-MOMENT = _Told(
+DAY = _DateOption(["%Y-%m-%d"], "a day of the calendar, written as 2026-01-15")
+MOMENT = _DateOption(
     ["%Y-%m-%d", "%Y-%m-%dT%H:%M", "%Y-%m-%d %H:%M", "%Y-%m-%dT%H:%M:%S", "%Y-%m-%d %H:%M:%S"],
     "a day or a time, written as 2026-01-15 or 2026-01-15T07:30",
 )
