@@ -7,7 +7,7 @@ from drivers.descriptor import Driver, Given
 from drivers.errors import ConfigurationError
 from drivers.trackers.ndi import NDI
 from drivers.trackers.ndi.identity import ReplyKind
-from drivers.trackers.ndi.tools import RequestedTool, parse_wish
+from drivers.trackers.ndi.tools import RequestedTool, parse_requested_tool
 from drivers.trackers.staleness import DEADLINE_MS
 
 _BAUD = 115200
@@ -56,7 +56,7 @@ def parse_options(options: dict[str, str], where: str, driver: Driver = NDI) -> 
         probe=_requested(given, "probe"),
         reference=_requested(given, "reference"),
         witness=_requested(given, "witness"),
-        further=tuple(parse_wish(text, where) for text in (given.text("tools") or "").split(",") if text),
+        further=tuple(parse_requested_tool(text, where) for text in (given.text("tools") or "").split(",") if text),
         baud=int(given.word("baud")) if driver is NDI else _BAUD,
         reply=None if reply is None else ReplyKind(reply),
         counter_hz=given.number_or_none("counter_hz"),
@@ -68,18 +68,18 @@ def parse_options(options: dict[str, str], where: str, driver: Driver = NDI) -> 
 
 def _requested(given: Given, name: str) -> RequestedTool | None:
     text = given.text(name)
-    return None if text is None else parse_wish(text, given.where)
+    return None if text is None else parse_requested_tool(text, given.where)
 
 
 def _refuse_twice(options: dict[str, str], where: str) -> None:
     """One tool cannot bear witness for itself, and two wireless ones of one definition cannot be told apart."""
     if "witness" not in options:
         return
-    witness = parse_wish(options["witness"], where)
+    witness = parse_requested_tool(options["witness"], where)
     for name in ("probe", "reference"):
         if name not in options:
             continue
-        other = parse_wish(options[name], where)
+        other = parse_requested_tool(options[name], where)
         same_plug = not witness.wireless and (witness.socket, witness.channel) == (other.socket, other.channel)
         if same_plug or (witness.wireless and other.wireless and _same_definition(witness, other)):
             what = f"witness={options['witness']} is the same tool as {name}={options[name]}"

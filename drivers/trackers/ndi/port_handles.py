@@ -32,7 +32,7 @@ class PortHandles:
         """Plug → what is wrong with the tool on it, which is not used."""
 
     def start(self, requested_tools: tuple[RequestedTool, ...]) -> tuple[Tool, ...]:
-        """Enable everything; the tools of the requested_tools in their order, then all others.
+        """Enable everything; the requested tools in their order, then all others.
 
         Raises DeviceLost where a tool is not there, ProtocolError for replies that make no sense.
         """

@@ -112,7 +112,7 @@ class Session:
             return None
 
     def start(self, baud: int, requested_tools: tuple[RequestedTool, ...]) -> None:
-        """Bring the device to tracking, with the tools in the order of `requested_tools` first, then all others it has.
+        """Bring the device to tracking, with the requested tools first, in their order, then all others it has.
 
         Where no wireless tool is requested none is loaded. A reply that is damaged or does not come starts the whole
         sequence again once the line is quiet, as a late reply must answer nothing else; that is harmless in any state.

@@ -33,7 +33,7 @@ class RequestedTool:
         return self.socket is None
 
 
-def parse_wish(text: str, where: str) -> RequestedTool:
+def parse_requested_tool(text: str, where: str) -> RequestedTool:
     """`FILE.rom`, `@2`, `@2b` or `FILE.rom@2`. Raises ConfigurationError."""
     match = _WISH.fullmatch(text)
     if match is None or not text:

@@ -8,7 +8,7 @@ import pytest
 from drivers.errors import ConfigurationError, DeviceLost
 from drivers.samples import PoseStatus
 from drivers.trackers.ndi.identity import ReplyKind, identity_of
-from drivers.trackers.ndi.tools import parse_information, parse_wish
+from drivers.trackers.ndi.tools import parse_information, parse_requested_tool
 from drivers.trackers.ndi.wire import Command, encode_command
 from drivers.twins.ndi.combined_api import BUMPED, PTP_LOST, TOO_HOT
 from drivers.twins.ndi.models import AURORA, MODELS, SPECTRA, VEGA, VICRA, Model
@@ -344,7 +344,7 @@ def test_tool_information_that_is_not_understood_does_not_stop_the_watch(tmp_pat
 @pytest.mark.parametrize("text", ["", "@", "@0", "@x", "@2c", "a@b@c"])
 def test_a_wish_that_names_no_tool_is_refused(text: str) -> None:
     with pytest.raises(ConfigurationError):
-        parse_wish(text, "ndi:x")
+        parse_requested_tool(text, "ndi:x")
 
 
 def test_all_models_are_simulated() -> None:
