@@ -85,7 +85,7 @@ class RequiredAges(BaseModel):
 
     @property
     def ages_s(self) -> dict[str, float | None]:
-        """Of each parameter that is asked for, by the name of its check."""
+        """Age of each parameter that is asked for, by the name of its check."""
         return {check_name(name): age_s for name, age_s in self if age_s != 0}
 
 

@@ -167,7 +167,7 @@ class Fault(StrEnum):
     kind: Kind
 
     def __new__(cls, value: str, kind: Kind | None = None) -> Self:
-        """Of a member, which says its kind; Fault("scale") finds one that is there."""
+        """Make a member, which says its kind; Fault("scale") finds one that is there."""
         assert kind is not None
         member = str.__new__(cls, value)
         member._value_, member.kind = value, kind

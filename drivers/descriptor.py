@@ -74,8 +74,9 @@ class Option:
 
 @dataclass(frozen=True, slots=True)
 class Contact:
-    """Of an output. read_back: how it is known that the contact followed. process_dies, cart_hangs: what happens to the
-    contact then. serves_contact: whether it can be the contact itself, not only a signal beside it.
+    """What is known of an output's contact. read_back: how it is known that the contact followed. process_dies,
+    cart_hangs: what happens to the contact then. serves_contact: whether it can be the contact itself, not only a
+    signal beside it.
     """
 
     read_back: str
@@ -213,6 +214,6 @@ class Given:
         return word
 
     def refusal(self, name: str, remedy: str) -> ConfigurationError:
-        """Of a value that is none for this option."""
+        """The refusal of a value that is none for this option."""
         what = f"{name}={self._options.get(name, '')} {self._rows[name].refusal}"
         return ConfigurationError(what, self.where, remedy)

@@ -62,7 +62,7 @@ class ProtocolError(ProbewatchError):
 
 
 def cannot_listen(error: object, where: str, remedy: str) -> ConfigurationError:
-    """Of a server whose address is taken, not this computer's, or none at all."""
+    """The refusal of a server's address that is taken, not this computer's, or none at all."""
     return ConfigurationError(f"cannot listen there ({system_words(error)})", where, remedy)
 
 

@@ -114,7 +114,7 @@ def pose_matrix(quaternion: tuple[float, float, float, float], translation_mm: t
 
 
 def _rotation_rows(w: Any, x: Any, y: Any, z: Any) -> tuple[tuple[Any, Any, Any], ...]:
-    """Of a unit quaternion, each part a number or an array of the same shape."""
+    """Rotation matrix, by rows, of a unit quaternion, each part a number or an array of the same shape."""
     return (
         (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
         (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),

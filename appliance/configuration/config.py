@@ -270,12 +270,12 @@ class Config(_Section):
 
     @property
     def sha256(self) -> str:
-        """Of the file's content, in hexadecimal; empty where there was no file."""
+        """SHA-256 of the file's content, in hexadecimal; empty where there was no file."""
         return self._sha256
 
     @property
     def required_ages_ns(self) -> dict[str, int]:
-        """Of each parameter that the contact asks for, how old the motion may be that showed it."""
+        """How old the motion may be that showed each parameter which the contact asks for."""
         most_s = self.supervisor.max_verification_age_s
         ages_s = self.limits.required_age_s.ages_s
         return {name: _ns(most_s if age_s is None else min(age_s, most_s)) for name, age_s in ages_s.items()}

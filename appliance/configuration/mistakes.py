@@ -30,7 +30,7 @@ _TOP = ", it belongs in a section of its own"
 
 
 class Mistakes(ConfigurationError):  # noqa: N818  as people call them
-    """Of one file. each: (line or None, what is wrong), in the order of the file."""
+    """All mistakes of one file. each: (line or None, what is wrong), in the order of the file."""
 
     def __init__(self, path: Path, each: Sequence[tuple[int | None, str]], remedy: str) -> None:
         self.path, self.each = path, tuple(each)

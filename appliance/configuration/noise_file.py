@@ -71,7 +71,7 @@ class LearnedNoise(BaseModel):
 
     @property
     def sha256(self) -> str:
-        """Of the file's content; empty where there is no file yet."""
+        """SHA-256 of the file's content; empty where there is no file yet."""
         return self._sha256
 
     def toml(self) -> str:

@@ -77,7 +77,7 @@ def pose_fields(pose: Pose) -> Header:
 
 
 def settings_of(fields: Header) -> EstimatorSettings:
-    """Of settings_fields."""
+    """Inverse of settings_fields."""
     limits, relative_pose = Limits.model_validate(fields["limits"]), fields.get("relative_pose")
     return EstimatorSettings(
         integer(fields["generation"]),
@@ -89,7 +89,7 @@ def settings_of(fields: Header) -> EstimatorSettings:
 
 
 def calibration_of(fields: Header) -> Calibration:
-    """Of calibration_fields."""
+    """Inverse of calibration_fields."""
     covariance = fields["covariance"]
     lateral, axial = map(integer, fields["polarity"])
     width, height = map(integer, fields["image_size_px"])
@@ -107,7 +107,7 @@ def calibration_of(fields: Header) -> Calibration:
 
 
 def verdict_of(fields: Header) -> Verdict:
-    """Of verdict_fields."""
+    """Inverse of verdict_fields."""
     return Verdict(
         t_ns=integer(fields["t_ns"]),
         kind=VerdictKind(fields["verdict"]),
@@ -122,12 +122,12 @@ def verdict_of(fields: Header) -> Verdict:
 
 
 def stamp_of(fields: Header) -> Stamp:
-    """Of stamp_fields."""
+    """Inverse of stamp_fields."""
     return Stamp(integer(fields["t_ns"]), integer(fields["err_ns"]))
 
 
 def pose_of(fields: Header) -> Pose:
-    """Of pose_fields."""
+    """Inverse of pose_fields."""
     matrix, witness = fields["matrix"], fields.get("witness")
     return Pose(
         stamp_of(fields),

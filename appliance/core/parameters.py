@@ -44,7 +44,7 @@ near its limit, less lets chance look like a fault.
 
 
 def class_of(name: str) -> Fault:
-    """Of one of MEASURED."""
+    """Fault class of one of MEASURED."""
     return Fault(name.split("-", 1)[0])
 
 

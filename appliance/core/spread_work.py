@@ -1,6 +1,6 @@
-"""Work in pieces, so that no picture has to wait for the whole of it.
+"""Computations in steps, so that no picture has to wait for the whole of one.
 
-Each piece tells before it is done what it costs: counted from the sizes of its arrays and never timed, so that a
+Each step yields before it is done what it costs: counted from the sizes of its arrays and never timed, so that a
 recording is cut where it was cut live, on whatever computer.
 """
 
@@ -13,13 +13,13 @@ Steps = Generator[int, None, Result]
 
 
 class Cost(NamedTuple):
-    """Of a piece, µs: whatever its size, and for each picture (of a round: for each pair of blocks)."""
+    """Cost of a step, µs: whatever its size, and for each picture (of a round: for each pair of blocks)."""
 
     base_us: float
     each_us: float = 0.0
 
     def of(self, count: int = 0) -> int:
-        """µs of a piece of that size; without one where it does not matter."""
+        """µs of a step of that size; without one where it does not matter."""
         return round(self.base_us + self.each_us * count)
 
 

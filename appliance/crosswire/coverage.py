@@ -106,7 +106,7 @@ def _place_words(row: int, column: int) -> str:
 def _best_next(
     solution: WholeSolution, mean: Vector, angles_deg: Vector, places: NDArray[np.intp], wanted: Vector
 ) -> str:
-    """Of the turns and places not covered yet, the one after which the worst parameter is best known."""
+    """The turn or place, among those not covered yet, after which the worst parameter is best known."""
     tried = {}
     for axis, side in [(axis, side) for axis in range(3) for side in (1, -1)]:
         if np.sum(side * angles_deg[:, axis] > _ASKED_DEG / 2) < _ENOUGH_VIEWS:

@@ -66,7 +66,7 @@ class Look:
 
     @property
     def spread(self) -> float:
-        """Of the spot squared, px²; infinite where the wires show apart, NaN without spot."""
+        """Spread of the spot squared, px²; infinite where the wires show apart, NaN without spot."""
         if isinstance(self.found, Crossing):
             return self.found.spread_px**2
         return np.inf if self.found.reason is NoCrossing.PARTED else np.nan

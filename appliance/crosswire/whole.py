@@ -118,7 +118,7 @@ class _Scene:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Noise:
-    """Of one view along the picture's axes. all_mm: (3,) standard deviation beside what its picture states.
+    """Noise of one view along the picture's axes. all_mm: (3,) standard deviation beside what its picture states.
 
     trust: (2,) share of the variance that pictures state which the scatter of the views bears out, 0 … 1.
     """

@@ -261,5 +261,5 @@ def digest_of(stored: dict[str, Any]) -> str:
 
 
 def first_number(segment: Path) -> int:
-    """Of the first entry in a segment, from its name."""
+    """Number of the first entry in a segment, from its name."""
     return int(segment.stem.removeprefix("alarms-"))

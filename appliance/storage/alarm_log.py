@@ -65,17 +65,17 @@ class AlarmLog:
 
     @property
     def latch(self) -> Latch | None:
-        """Of the last entry on the disk."""
+        """Latch of the last entry on the disk."""
         return self._memory.latch
 
     @property
     def number(self) -> int:
-        """Of the last entry on the disk."""
+        """Number of the last entry on the disk."""
         return self._memory.number
 
     @property
     def digest(self) -> str:
-        """Of the last entry on the disk."""
+        """Digest of the last entry on the disk."""
         return self._memory.digest
 
     def append(self, utc: datetime, t_ns: int, event: str, data: dict[str, Any], latch: Latch | None) -> None:

@@ -256,7 +256,7 @@ class Series:
         return "; ".join(f"{box.path.name} {box.damage_text}" for box in self.boxes if box.damage)
 
     def spans(self) -> tuple[Span, Span]:
-        """Of pictures and of poses."""
+        """Spans of the pictures and of the poses."""
         found = {"/picture": Span(), "/pose": Span()}
         for topic, t_ns in (stamp for box in self.boxes for stamp in box.stamps()):
             span = found[topic]

@@ -188,7 +188,7 @@ def _sane(reference: Calibration) -> bool:
 
 
 def _own(item: Any) -> dict[str, Any]:
-    """Of plain values, under their own names."""
+    """Fields of plain values, under their own names."""
     return {name: [*value] if isinstance(value := getattr(item, name), tuple) else value for name in item.__slots__}
 
 

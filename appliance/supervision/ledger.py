@@ -333,5 +333,5 @@ def _requests(fault: Fault, check: str) -> bool:
 
 
 def _row(condition: Condition) -> Policy:
-    """Of its hazard; after a restart it may not be known which one it was."""
+    """The policy of its hazard; after a restart it may not be known which one it was."""
     return PLAIN if condition.fault is None else POLICY[condition.fault]

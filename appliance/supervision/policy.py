@@ -146,7 +146,7 @@ POLICY: Mapping[Fault, Policy] = {
 
 
 def pulses(state: State, fault: Fault | None) -> int:
-    """Of a burst of the tone in this state, for this hazard; 0 is silence."""
+    """Pulses of a burst of the tone in this state, for this hazard; 0 is silence."""
     row = None if fault is None else POLICY[fault]
     quiet = row is not None and row.silent and row.step_to(state) is not None
     return 0 if quiet else SIGNALS[state].pulses

@@ -116,7 +116,7 @@ class Timeline:
         return replace(report, verdict=replace(report.verdict, reason=reason))
 
     def _tick_until(self, t_ns: int) -> None:
-        """Of a long gap the beginning, and the last tick."""
+        """Tick up to t_ns; in a long gap, at its beginning and once at its end."""
         until_ns = min(t_ns, self._end_ns + 1)
         ticks = max(0, -((self._next_ns - until_ns) // TICK_NS))
         ticked = min(ticks, _LONGEST_GAP, _SHORT_GAP + self._idle_left)

@@ -36,7 +36,7 @@ class Freshness:
 
     @property
     def rate_hz(self) -> float:
-        """Of new measurements; NaN before the second one."""
+        """Rate of new measurements; NaN before the second one."""
         return 1e9 / statistics.median(self._steps_ns) if self._steps_ns else math.nan
 
     @property

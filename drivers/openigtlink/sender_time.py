@@ -54,5 +54,5 @@ class SenderTime:
         return self._monotonic.stamp(found.t_ns - early_ns, found.err_ns + self._half_ns)
 
     def heard(self, t_ns: int) -> Stamp:
-        """Of word that there is no measurement."""
+        """Stamp of a message that there is no measurement."""
         return self._monotonic.stamp(t_ns, 0)

@@ -43,6 +43,6 @@ class Heartbeat:
 
 
 def heartbeat_from(given: Given) -> Heartbeat:
-    """Of the option HEARTBEAT; none means a steady level. Raises ConfigurationError."""
+    """The heartbeat of the option HEARTBEAT; none means a steady level. Raises ConfigurationError."""
     rate_hz = given.number_or_none(HEARTBEAT.name)
     return Heartbeat() if rate_hz is None else Heartbeat(round(0.5e9 / rate_hz))

@@ -37,7 +37,7 @@ def from_zero(frames: Mapping[int, Fields], count: int) -> list[Fields] | None:
 
 
 def index_times(general: Mapping[str, str], axis: int) -> dict[int, Fields]:
-    """Of a 3D Slicer sequence, whose times are the values of an axis; empty where it has none."""
+    """Times of a 3D Slicer sequence, which are the values of an axis; empty where it has none."""
     for name, value in general.items():
         match = _TIMES.fullmatch(name)
         if match and int(match[1]) == axis:

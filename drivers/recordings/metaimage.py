@@ -403,7 +403,7 @@ def _inflate(inflator: "zlib._Decompress", stream: BinaryIO, path: Path, wanted:
 
 @dataclass(slots=True)
 class HeaderLines:
-    """Of the entries, `key = value`, and how many entries there are."""
+    """Lines of the entries, `key = value`, and how many entries there are."""
 
     text: list[str] = field(default_factory=list)
     count: int = 0

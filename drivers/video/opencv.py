@@ -94,7 +94,7 @@ class _Times:
         return self._first_ns + round(number * 1e9 / self.rate_hz)
 
     def stamp(self, number: int) -> Stamp:
-        """Of the picture that has just been read; that of a file is exact by definition."""
+        """Stamp of the picture that has just been read; that of a file is exact by definition."""
         if self.paced:
             return Stamp(self.due_ns(number), round(0.5e9 / self.rate_hz))
         return Stamp(self.clock.now_ns() - self._delay_ns, self._error_ns)

@@ -284,7 +284,7 @@ class FanWatch(Detector):
     def _check(
         self, name: str, values: Array, sigmas: Array, unit: str, limit: float, fault: Fault = Fault.SCALE
     ) -> Check:
-        """Of the axis that is further off. What is a fact beside the others never fails."""
+        """Check of the axis that is further off; one of AGREEMENT never fails."""
         axis = int(np.argmax(np.abs(values)))
         value, sigma = float(values[axis]), float(sigmas[axis])
         room = self._limits.confidence_sigma * sigma

@@ -89,7 +89,7 @@ _COVERED = 5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Course:
-    """Of the tissue in the picture. per_ns: (2,) widths of the picture, turn_per_ns: rad."""
+    """Velocity of the tissue in the picture. per_ns: (2,) widths of the picture, turn_per_ns: rad."""
 
     per_ns: Array = field(default_factory=lambda: np.zeros(2))
     turn_per_ns: float = 0.0

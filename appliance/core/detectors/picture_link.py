@@ -120,7 +120,7 @@ def small(image: GreyImage, mask: Bits | None = None) -> Array32:
 
 
 def parts_shown(picture: Array32) -> int:
-    """Of the 24 parts of a small picture, how many show anything; 0 of a picture that is but a strip."""
+    """How many of the 24 parts of a small picture show anything; 0 for a picture that is but a strip."""
     if min(picture.shape) < _LEAST_SIDE_PX:
         return 0
     return int(np.count_nonzero([picture[part].std() >= _LEAST_GREY for part in _parts(picture.shape)]))
@@ -150,7 +150,7 @@ def link_between(before: Array32, now: Array32, moved_px: Array, slack_px: Array
 
 
 def _share(likenesses: Array, least: float) -> float:
-    """Of the parts that show anything, those that are so much alike; 1 where none shows anything."""
+    """Share, among the parts that show anything, of those that are so much alike; 1 where none shows anything."""
     shown = likenesses[np.isfinite(likenesses)]
     return float(np.mean(shown >= least)) if shown.size else 1.0
 

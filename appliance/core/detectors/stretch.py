@@ -61,7 +61,7 @@ class Lines:
 
 
 def stretch_between(before: Array32, now: Array32, aspect: float, start: tuple[float, float]) -> Stretch | None:
-    """Of two pictures (h, w) of the same size; None where too few parts are found again.
+    """The stretch between two pictures (h, w) of the same size; None where too few parts are found again.
 
     start: magnification about which it is looked for, as far as 8 % beside. aspect: λ_axial ÷ λ_lateral.
     """
@@ -94,7 +94,7 @@ def lines_turned(before: Array32, now: Array32, aspect: float) -> Array | None:
 
 
 def lines_between(before: Array32, now: Array32, aspect: float, start_rad: float, looks: int = _LOOKS) -> Lines | None:
-    """Of two pictures (h, w) of the same size; None where too few parts are found again.
+    """How lines turned between two pictures (h, w) of the same size; None where too few parts are found again.
 
     start_rad: turn about which it is looked for, as far as 8° beside. aspect: λ_axial ÷ λ_lateral.
     """

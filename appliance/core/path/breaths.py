@@ -45,10 +45,10 @@ a hundredth where depths and ends are ten times as free.
 
 @dataclass(frozen=True, eq=False)
 class Breaths:
-    """Of one row of a path in m blocks. ends_s: (n,) where the k breaths begin and end, those of a chain one after the
-    other. first: (k,) of each breath's beginning among them. number: (m,) breath of each block. inside: (m,) whether it
-    is in one. usual: (p,) what is believed of ends (n), depths (k), levels (n), shape (8) and middles (k) before they
-    are fitted. sd: (p,) its standard deviation.
+    """Breaths of one row of a path in m blocks. ends_s: (n,) where the k breaths begin and end, those of a chain one
+    after the other. first: (k,) of each breath's beginning among them. number: (m,) breath of each block. inside: (m,)
+    whether it is in one. usual: (p,) what is believed of ends (n), depths (k), levels (n), shape (8) and middles (k)
+    before they are fitted. sd: (p,) its standard deviation.
     """
 
     ends_s: Array
@@ -92,7 +92,7 @@ class Breaths:
 
     @property
     def _shape(self) -> slice:
-        """Of the state."""
+        """The shape's part of the state."""
         return slice(2 * self.ends_s.size + self.first.size, -self.first.size)
 
     def habit(self, state: Array) -> Habit:

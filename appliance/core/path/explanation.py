@@ -68,7 +68,7 @@ class Explanation:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Fits:
-    """Of one reading of the poses at k lags (k,) s: scores (k,), the lower the better, and agreement (3, k)."""
+    """Fits of one reading of the poses at k lags (k,) s: scores (k,), the lower the better, and agreement (3, k)."""
 
     convention: Convention
     lags_s: Array
@@ -200,7 +200,7 @@ class _Steps:
         return np.cumsum([moved[0], moved[1], turned[2]], axis=1)
 
     def fits(self, convention: Convention, path: Array, reach_s: float) -> _Fits:
-        """Of lags up to reach_s either way."""
+        """Fits at lags up to reach_s either way."""
         lags = np.arange(-round(reach_s / _GRID_S), round(reach_s / _GRID_S) + 1)
         lags_s = np.asarray(lags * _GRID_S, dtype=np.float64)
         begin, end = self.begin + lags[:, None], self.end + lags[:, None]

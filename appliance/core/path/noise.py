@@ -122,7 +122,7 @@ class Blocks:
         return int(self.t_s.size)
 
     def last(self, n: int) -> "Blocks":
-        """Of the path, not of its pictures: `starts` counts from the first picture of all."""
+        """The last n blocks of the path, not of its pictures: `starts` counts from the first picture of all."""
         return Blocks(self.t_s[-n:], self.chain[-n:], self.count[-n:], self.starts[-n:])
 
     def means(self, columns: Array) -> Array:
@@ -243,7 +243,7 @@ def covariances(blocks: Blocks, parts: Array, noise: Noise) -> Array:
 
 
 class Whitener:
-    """Of one row with one set of variances.
+    """Whitens one row with one set of variances.
 
     inverse: (m, m) of the covariance. log_volume: its log det. Factorised when first asked for anything: where breaths
     are followed, every other one is replaced before that. Raises ValueError then, where the covariance is not positive

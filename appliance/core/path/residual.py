@@ -76,7 +76,7 @@ Columns = list[Array | ComplexArray]
 
 
 class PathResidual:
-    """Of the kept pictures of the samples, n, in m blocks.
+    """Residual of the kept pictures of the samples, n, in m blocks.
 
     rigid: whether the tissue does not give way, as the samples show, or as the motion is known to be planar, which is a
     phantom's; then a press tells the axial scale. follow, tilt: of the tissue, as it is reckoned with, in units of θ.

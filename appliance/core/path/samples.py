@@ -70,7 +70,7 @@ class PathSamples:
 
     @cached_property
     def continues(self) -> NDArray[np.bool_]:
-        """Of the kept pictures: whether the one before is of the same chain."""
+        """Whether the picture before each kept one is of the same chain."""
         chain = self.chain[self.kept]
         return np.asarray(np.diff(chain, prepend=chain[0] - 1) == 0)
 
@@ -81,7 +81,7 @@ class PathSamples:
 
     @cached_property
     def blocks(self) -> Blocks:
-        """Of the kept pictures."""
+        """Blocks of the kept pictures."""
         return Blocks.of(self.t_s[self.kept], self.chain[self.kept])
 
     @cached_property

@@ -313,7 +313,9 @@ class _Problem:
         return {k: breaths for k, breaths in found.items() if breaths is not None}
 
     def _breaths(self, k: int, breathing_mm: Array) -> Breaths | None:
-        """Of row k: with a shape of their own where there are enough of them, else with the shape of those before."""
+        """Breaths of row k: with a shape of their own where there are enough of them, else with the shape of those
+        before.
+        """
         blocks, habit = self.residual.blocks, self._noise.noise.habits.get(k)
         own = Breaths.found(blocks, breathing_mm) if np.ptp(blocks.t_s) >= _BREATHS_S else None
         if own is not None or habit is None or np.ptp(blocks.t_s) < _BREATHS_AGAIN_S:

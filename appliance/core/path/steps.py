@@ -17,8 +17,8 @@ _GENERATORS = skew(np.eye(3))
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SensorSteps:
-    """Of B_j⁻¹ B_{j−1}; the first is the identity. moved: (12, n), row by row of (3, 4): t_b mm and I − R_b, which is
-    what the step moves for each mm of lever arm. turn: (3, n) small rotation vector, rad.
+    """Steps B_j⁻¹ B_{j−1}; the first is the identity. moved: (12, n), row by row of (3, 4): t_b mm and I − R_b, which
+    is what the step moves for each mm of lever arm. turn: (3, n) small rotation vector, rad.
     """
 
     moved: Array

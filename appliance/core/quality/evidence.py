@@ -76,7 +76,7 @@ class Evidence:
 
     @property
     def follow(self) -> Follow | None:
-        """Of the tissue that the estimate rests on; None where there was none."""
+        """Share by which the tissue that the estimate rests on follows; None where there was none."""
         return None if self._best.solution is None else self._best.solution.follow
 
     @property
@@ -468,5 +468,5 @@ def _with(finding: Finding, accusation: Accusation, told: bool) -> Finding:
 
 
 def _sharper_check(check: Check, whole: Check) -> Check:
-    """Of two checks on one quantity the one with the smaller sigma; NaN loses."""
+    """The one with the smaller sigma of two checks on one quantity; NaN loses."""
     return whole if isnan(check.sigma) or whole.sigma < check.sigma else check

@@ -79,7 +79,7 @@ def distortion_nats(rows: Innovations) -> Steps[float | None]:
 
 
 def _best(columns: list[Array], value: Array, theta: Array, priors: list[Array]) -> Fit:
-    """Of one linear model about theta (12,); everything after it counts from 0."""
+    """Best fit of one linear model about theta (12,); everything after it counts from 0."""
     rows, prior = np.vstack([*columns, value]), block_diag(*priors)
     return fitted(rows, _about(theta, len(prior)), *anywhere(len(prior)), prior)
 
@@ -129,7 +129,7 @@ class FieldDistortion:
         self.until_ns = min(self.until_ns, since_ns - 1)
 
     def note(self, nats: float | None, start_ns: int, now_ns: int, explained: bool) -> bool:
-        """Of the solution at now_ns, of motion from start_ns on; returns whether that has answered what was seen.
+        """Take the solution at now_ns, of motion from start_ns on; return whether it has answered what was seen.
 
         explained: a calibration that is wrong is named, which may look bent; nothing is named beside it.
         """

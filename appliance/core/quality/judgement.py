@@ -170,7 +170,7 @@ def _urgency(check: Check) -> tuple[int, float]:
 
 
 def _worst_of_each(failed: list[Check]) -> dict[Fault, Check]:
-    """Of each class, the most urgent first: of two faults at once both are told."""
+    """The worst check of each class, the most urgent first: two faults at once are both reported."""
     of_each: dict[Fault, Check] = {}
     for check in sorted(failed, key=_urgency):
         of_each.setdefault(check.fault, check)

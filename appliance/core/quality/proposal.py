@@ -29,8 +29,8 @@ class Step(Enum):
 
 @dataclass(frozen=True, slots=True)
 class NewValue:
-    """Of a parameter that is shown to be wrong. was, now: rotations about the picture's axes from the reference, deg;
-    scales mm/px; offsets mm; latency ms, what the tracker's URL states and what it ought to state.
+    """New value of a parameter that is shown to be wrong. was, now: rotations about the picture's axes from the
+    reference, deg; scales mm/px; offsets mm; latency ms, what the tracker's URL states and what it ought to state.
     """
 
     name: str

@@ -79,7 +79,7 @@ class Accusation:
 
     @property
     def named(self) -> frozenset[str]:
-        """Of the checks that are FAULTs."""
+        """Names of the checks that are FAULTs."""
         return frozenset(check.name for check in self.checks if check.verdict is VerdictKind.FAULT)
 
 
@@ -92,7 +92,7 @@ def accuse(
     breathing_known: bool,
     ask_bent: bool = False,
 ) -> Steps[Accusation]:
-    """Of the start from which a calibration beyond its limits explains the motion best.
+    """Accusation by the start from which a calibration beyond its limits explains the motion best.
 
     noise: learned from motion before the change, or under the calibration that the motion itself asks for. lag_s: of
     the tracker, near which it is looked for. breathing_known: whether `noise` has seen a breath. ask_bent: whether
@@ -112,7 +112,7 @@ def accuse(
 
 
 def _likeliest(rows: Innovations, limits: Limits, lag_s: float) -> Steps[Accusation]:
-    """Of all starts."""
+    """The likeliest accusation of all starts."""
     starts = [n for n in sorted({min(n, len(rows)) for n in _STARTS}) if n >= _STARTS[0]]
     best: _Trial | None = None
     for n in starts:
@@ -144,7 +144,8 @@ def _bounds(limits: Limits, lag_s: float) -> tuple[Array, Array]:
 
 
 class _Trial:
-    """Of the last n blocks. nats: by how much the best calibration, wherever it is, beats the best within bounds."""
+    """Trial of the last n blocks. nats: by how much the best calibration, wherever it is, beats the best within bounds.
+    """
 
     def __init__(self, rows: Innovations, n: int, bounds: tuple[Array, Array]) -> None:
         self.n, self._rows, self._bounds = n, rows, bounds
@@ -203,7 +204,7 @@ class _Trial:
 
 
 def _checks(fit: Fit, fault: Fault, limits: Limits, lag_s: float, spread: float) -> list[Check]:
-    """Of each parameter of a class."""
+    """Check of each parameter of a class."""
     quantity = QUANTITIES[fault]
     unit, limit = quantity.unit, quantity.limit(limits)
     values = fit.theta[: TAU + 1] * PER_UNIT

@@ -1,4 +1,4 @@
-"""Of a parameter that the contact asks for: whether the present motion shows it, earlier motion did, or none has."""
+"""Whether the present motion shows a parameter that the contact asks for, earlier motion did, or none has."""
 
 from enum import Enum
 

@@ -38,7 +38,7 @@ class Estimate:
 
 @dataclass(frozen=True, slots=True)
 class Trend:
-    """Of one parameter under one reference.
+    """Trend of one parameter under one reference.
 
     mean: weighted mean after each estimate, (n,). low, high: (n,) control limits; infinite until there is a baseline.
     per_day, per_day_sigma: slope of the estimates. days_left: until the mean may reach ± limit at the latest slope plus

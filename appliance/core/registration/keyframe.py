@@ -273,8 +273,8 @@ class _Descended:
         self.fit, self.converged, self._last, self._aspect = fit, converged, last, aspect
 
     def readings(self, supposed: Sequence[Array]) -> tuple[Reading, ...]:
-        """Of the last look, where that is the variance of the terms, (6,) px² each; none where nothing can be said. The
-        fit goes where the last of them puts it.
+        """Readings of the last look, where that is the variance of the terms, (6,) px² each; none where nothing can be
+        said. The fit goes where the last of them puts it.
         """
         fit, last = self.fit, self._last
         together = last.together()

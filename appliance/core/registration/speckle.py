@@ -20,14 +20,14 @@ from there, as the mask hides it.
 
 
 def coarse_speckle(level: Level) -> Array32:
-    """Of the coarsest level: without shadows and gain."""
+    """Speckle of the coarsest level, without shadows and gain."""
     width = level.shape[0] // _COARSEST_WIDTHS | 1
     return np.asarray(cv2.subtract(level, cv2.blur(level, (width, width)), dtype=cv2.CV_32F), dtype=np.float32)
 
 
 class Speckle:
-    """Of the finest level. mask: (h, w) bool of the picture, True where tissue may be seen: what is smooth is averaged
-    from there, or text would shade what is around it."""
+    """Speckle of the finest level. mask: (h, w) bool of the picture, True where tissue may be seen: what is smooth is
+    averaged from there, or text would shade what is around it."""
 
     def __init__(self, mask: Bits | None) -> None:
         self._mask = mask

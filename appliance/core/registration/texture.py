@@ -163,6 +163,6 @@ def _product(a: Array32, b: Array32, into: Array32) -> Array32:
 
 
 def _means(values: Array32) -> Array32:
-    """Of every patch."""
+    """Mean of every patch."""
     size = values.shape[1] // _PATCH_PX, values.shape[0] // _PATCH_PX
     return np.asarray(cv2.resize(values, size, interpolation=cv2.INTER_AREA), np.float32)

@@ -122,7 +122,7 @@ class References(threading.Thread):
 
     @property
     def dates(self) -> Dates:
-        """Of the reference in force."""
+        """Dates of the reference in force."""
         current = self.current
         if current is not None and self._dates_known[0] != current.entry.number:
             found = dates_of(current.entry, current.candidate.content, self._place.due_days)

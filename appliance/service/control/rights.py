@@ -49,7 +49,7 @@ def join_group(path: Path) -> str:
 
 
 def user_ids(names: Iterable[str]) -> frozenset[int]:
-    """Of those users that exist; nobody is logged in as one that does not."""
+    """Ids of those users that exist; no process runs as one that does not."""
     return frozenset(uid for name in names if (uid := _user_id(name)) is not None)
 
 

@@ -135,7 +135,8 @@ def ages_at_rest(verdict: Verdict | None, ages_ns: Mapping[str, int], most_ns: i
 def shown_of_each(
     now_ns: int, alarm: AlarmState, verdict: Verdict | None, ages_ns: Mapping[str, int]
 ) -> dict[str, Shown]:
-    """Of each parameter that is asked for. What was shown before the last disturbance, or too long ago, is missing.
+    """How each parameter that is asked for was shown. What was shown before the last disturbance, or too long ago, is
+    missing.
 
     ages_ns: of each, how old the motion may be that showed it.
     """

@@ -67,7 +67,7 @@ class CartDevices:
 
     @property
     def failures(self) -> tuple[BaseException | None, ...]:
-        """Of each thread, see DeviceThread."""
+        """Failure of each thread, see DeviceThread."""
         return tuple(thread.failure for thread in self.threads)
 
     @property

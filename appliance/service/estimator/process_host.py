@@ -91,7 +91,7 @@ class EstimatorHost:
 
     @property
     def pid(self) -> int | None:
-        """Of the running process, None between two of them."""
+        """Process id of the running process, None between two of them."""
         return None if self._process is None else self._process.pid
 
     @property

@@ -68,7 +68,7 @@ class FeedHost:
 
     @property
     def pid(self) -> int | None:
-        """Of the process that fans out, None while nobody listens."""
+        """Process id of the feed, None while it has no client."""
         return None if self._process is None else self._process.pid
 
     @property

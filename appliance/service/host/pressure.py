@@ -13,7 +13,7 @@ _TOTAL = re.compile(rb"^some .*\btotal=(\d+)$", re.M)
 
 
 class Pressure:
-    """Of the service's own control group where there is one, else of the whole machine.
+    """Pressure on the service's own control group where there is one, else on the whole machine.
 
     The first says what this service lacks; the second also counts programs that wait without harm to it. Neither exists
     on kernels built without CONFIG_PSI or started with psi=0, nor, of the whole machine, under ProcSubset=pid.

@@ -31,7 +31,7 @@ class Alerts:
 
     @property
     def health(self) -> Health:
-        """Of the device as a whole."""
+        """Health of the device as a whole."""
         return self._watch.health
 
     def follow(self, answer: Answer) -> None:

@@ -144,7 +144,7 @@ class Bx2Dialect:
         return _BX2_REQUESTS[detailed]
 
     def decode(self, reply: bytes, detailed: bool) -> Snapshot:
-        """Of two exposures in one reply the later one counts for a tool that is in both."""
+        """Decode a reply. Where it has two exposures, the later one counts for a tool that is in both."""
         components = bx2.decode_bx2(reply)
         tools: dict[int, Reading] = {}
         strays = 0

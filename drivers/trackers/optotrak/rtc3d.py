@@ -44,7 +44,7 @@ class PacketType(IntEnum):
 
 
 class ByteOrder(Enum):
-    """Of payloads; the word is the one that SetByteOrder takes, the value the prefix of `struct`."""
+    """Byte order of payloads; the word is the one that SetByteOrder takes, the value the prefix of `struct`."""
 
     BIG = ">"
     LITTLE = "<"

@@ -44,7 +44,7 @@ class Geometry:
         return np.arctan2(x_mm, y_mm - self.apex_mm) * face_mm, radius_mm - face_mm, radius_mm / face_mm
 
     def beams(self) -> Beams:
-        """Of every pixel."""
+        """Beam of every pixel."""
         x_mm, y_mm = np.broadcast_arrays(self.x_mm, self.y_mm)
         across_mm, depth_mm, _ = self.beam(x_mm, y_mm)
         return Beams(across_mm.astype(np.float32), depth_mm.astype(np.float32))

@@ -65,7 +65,7 @@ class Agreed:
 
     @property
     def period_ns(self) -> int:
-        """Of a picture; that of a usual device where this one does not say."""
+        """Period of a picture; that of a usual device where this one does not report it."""
         return round(1e9 / (_USUAL_HZ if math.isnan(self.rate_hz) else self.rate_hz))
 
 
