@@ -53,9 +53,9 @@ _SOLVE_UNPAIRED_NS = 1_000_000_000
 """Without poses only what leaves the window changes. When a tracker returns, all pictures that wait are settled in one
 step, and a step longer than `Timeouts.estimator_ns` is told as a silent estimator."""
 _WORK_SHARE = 0.17
-"""Of the time from picture to picture, spent on a solution that is under way, by what its pieces cost (`Cost`): 5.7 ms
-of 33. More lengthens the longest pictures, less makes solutions ready later. They cost 17 ms on average, 37 at nine in
-ten, 50 with breathing (paths without pictures, one seed), so they are ready after .1 s, .2 and .3.
+"""Share of the time from picture to picture that a solution under way may take, by what its pieces cost (`Cost`):
+5.7 ms of 33. More lengthens the longest pictures, less makes solutions ready later. They cost 17 ms on average, 37 at
+nine in ten, 50 with breathing (paths without pictures, one seed), so they are ready after .1 s, .2 and .3.
 """
 _QUICK_PICTURES = 4
 """By whose poses the hand is quick. Two are called so by the noise of a tracker alone, of .1 mm in one picture of ten

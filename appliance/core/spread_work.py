@@ -32,7 +32,8 @@ LATENCY, SAMPLES = Cost(1000, 3.3), Cost(150, 0.3)
 RESIDUAL, ROUND = Cost(200, 1.0), Cost(250, 0.05)
 """What a solution needs once, µs and µs a picture; each of its rounds, µs and µs a pair of blocks."""
 MISFIT, POLARITY = Cost(600, 0.5), Cost(850, 1.8)
-"""Of the reference at one lag, and the weighing of the four polarities; µs, and µs a picture, measured as above."""
+"""Cost of the reference's misfit at one lag, and of the weighing of the four polarities; µs, and µs a picture, measured
+as above."""
 LAG, LAGS, CONVENTIONS = Cost(550), Cost(600), Cost(3000)
 """Lags of the latest motion, of all that is looked at, and with the poses read in other ways; µs, measured as above."""
 INNOVATIONS, TRIAL = Cost(1000, 2.7), Cost(1500)

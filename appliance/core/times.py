@@ -26,8 +26,8 @@ SWEEP_WINDOW_NS = round(SWEPT_AGE_S * 1e9)
 with a hand's tremor, and the whole offset (tests/appliance/core/test_line.py); more costs memory and time.
 """
 QUIET_BREATH_S = 4.0
-"""Of an adult at rest, fifteen a minute. How long breathing takes to be learned goes by it. Less believes what was
-learned of too few breaths, more learns them later; twelve to fifteen a minute were tried (docs/study.md)."""
+"""Breath of an adult at rest, fifteen a minute. How long breathing takes to be learned goes by it. Less believes what
+was learned of too few breaths, more learns them later; twelve to fifteen a minute were tried (docs/study.md)."""
 SLOW_BREATH_NS = 6_000_000_000
 """The longest that is waited for: ten a minute. More waits longer for tissue that has gone for good, less takes a slow
 breath for that."""

@@ -30,7 +30,8 @@ _PLACES = (
     ("bottom left", "bottom", "bottom right"),
 )
 BIN_EDGES_DEG = (-30.0, -20.0, -10.0, 0.0, 10.0, 20.0, 30.0)
-"""Of the covered angles: steps that a hand can tell apart. The outermost bins hold all that is beyond."""
+"""Edges of the bins of covered angles: steps that a hand can distinguish. The outermost bins hold all that is
+beyond."""
 _ASKED_DEG = 20.0
 """To which a turn is advised: further the wires no longer echo, nearer it shows less. Not varied."""
 _MORE_VIEWS = 3

@@ -21,14 +21,14 @@ from appliance.types import Vector
 from drivers.samples import GreyImage
 
 ROUGH_SCALE_MM_PER_PX = (0.075, 0.075)
-"""Of a picture of which nothing is known: 5 cm deep in 640 rows. It only sets how large a wire may be, and a factor of
-two either way leaves the finder's promise as it is (tests).
+"""Scale of a picture of which nothing is known: 5 cm deep in 640 rows. It only sets how large a wire may be, and a
+factor of two either way leaves the finder's promise as it is (tests).
 """
 _SMOOTH_PX = 1.5
 """Sigma, before a spot is looked for: a single hot pixel keeps 7 % of its height. More melts near wires into one."""
 _LEAST_CONTRAST_GREY = 60
-"""Of the brightest spot over what surrounds it. Less takes echoes of the tank for wires: one of 12 dB over the noise is
-51 greys of 60 dB (tests/appliance/crosswire/test_crossing.py); more asks for gain.
+"""Contrast of the brightest spot over what surrounds it. Less takes echoes of the tank for wires: one of 12 dB over the
+noise is 51 greys of 60 dB (tests/appliance/crosswire/test_crossing.py); more asks for gain.
 """
 _LEAST_CONTRAST_SD = 3.5
 """The same in standard deviations of the surroundings: the brightest of ten thousand grains of speckle stands 2.1 of
@@ -39,8 +39,8 @@ _DEPTH_OF_SPOT = 0.25
 centre. Not measured.
 """
 _RIVAL_SHARE = 0.6
-"""Of the strongest contrast, from which on another spot may be the other wire: one that lies in a shadow of 10 dB where
-60 dB are shown still is. Less takes clutter for the other wire, more takes one wire for the crossing.
+"""Share of the strongest contrast, from which on another spot may be the other wire: one that lies in a shadow of 10 dB
+where 60 dB are shown still is. Less takes clutter for the other wire, more takes one wire for the crossing.
 """
 _SAME_SIZE, _SAME_SIZE_NEAR, _NEAR_MM = 0.6, 0.3, 8.0
 """Area of the other wire's spot ÷ that of the strongest, at least, where it is weaker, too: far from it, and as near as
@@ -48,8 +48,8 @@ wires come before they meet. A bubble beside wires at 45° has a third. More tak
 bubble, less a bubble for a wire (make crosswire).
 """
 _FAR_SHARE, _FAR_MM = 0.7, 14.0
-"""Of the strongest contrast, from which on a spot that is not near may be the other wire, and the distance beyond which
-none is, if it is weaker. See `_RIVAL_SHARE`.
+"""Share of the strongest contrast, from which on a spot that is not near may be the other wire, and the distance beyond
+which none is, if it is weaker. See `_RIVAL_SHARE`.
 """
 _STEEP, _STEEP_MM = 0.8, 1.5
 """Slope of the line to a weaker spot, and what is added to it, beyond which it is no wire: both are stretched across
@@ -89,8 +89,8 @@ _ROUGH_SHARE = 1.2
 _QUANTISATION_GREY = 0.29
 """1 ÷ √12: standard deviation of rounding to whole greys."""
 _KNOWN_SHARE = 0.2
-"""Of a spot's own width, by which its centre is not known anyway: two wires that are not equally bright, the phase in
-which their echoes meet, a plane that misses the crossing by a tenth of a millimetre (make crosswire).
+"""Share of a spot's own width, by which its centre is not known anyway: two wires that are not equally bright, the
+phase in which their echoes meet, a plane that misses the crossing by a tenth of a millimetre (make crosswire).
 """
 _SPECKLE_DB = 5.57
 """Standard deviation of fully developed speckle in dB, so that its scatter in greys tells how many greys are 1 dB."""

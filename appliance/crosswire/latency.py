@@ -20,7 +20,7 @@ the line must go on. More tells lines from spots better, less takes what a conve
 tank of PLUS it goes on in 87 % of the pictures with something bright, of PLUS's two N-wire phantoms in 2 and 0 %.
 """
 _LEAST_SHARE = 0.5
-"""Of the pictures with something bright that moves, those in which it is a line; half way between these figures."""
+"""Share of the pictures with something bright that moves in which it is a line; half way between these figures."""
 _SMOOTH_ROWS = 2.0
 """Sigma, px: speckle goes, the line of five to ten pixels stays."""
 _HALF_LINE_PX = 12

@@ -23,13 +23,13 @@ _CUT_SIGMA = 5.0
 lets gross errors draw the offset (tests/appliance/crosswire/test_offset.py).
 """
 _MEDIAN_OF_CHI3 = 1.5382
-"""Of the length of a vector of three unit normal parts: distances ÷ this are standard deviations."""
+"""Median length of a vector of three unit normal parts: distances ÷ this are standard deviations."""
 _LARGEST_OUTLIER_SHARE = 0.2
 """More is no scan with some bad views but a bad scan: 4 of 20 that agree do not win, 6 of 20 are refused
 (tests/appliance/crosswire/test_offset.py).
 """
 _ROBUST_ROUNDS = 12
-"""Of reweighting, each a small fit: it runs once a scan, so more would cost little. Not measured."""
+"""Rounds of reweighting, each a small fit: it runs once a scan, so more would cost little. Not measured."""
 _TINY = 1e-9
 """Information, as a share of the largest, and mm, that count as none: the rounding of places in mm is far less."""
 _LEAST_INFORMATION_PER_VIEW = 1e-7

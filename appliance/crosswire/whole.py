@@ -44,15 +44,15 @@ UNOBSERVED = 30.0
 _CUT_SIGMA = 5.0
 """Robust standard deviations beyond which a view is rejected, as for ζ alone (appliance.crosswire.offset)."""
 _MEDIAN_OF_CHI3 = 1.5382
-"""Of the length of a vector of three unit normal parts."""
+"""Median length of a vector of three unit normal parts."""
 _LARGEST_OUTLIER_SHARE = 0.25
-"""Of the views: more is no scan with bad views but a bad scan. One in five is found
+"""Share of the views: more is no scan with bad views but a bad scan. One in five is found
 (tests/appliance/crosswire/test_whole.py), every second not always.
 """
 _LEAST_SD_MM = 0.01
 """Per axis: below the rounding of sub-pixel centres, so that noise-free views do not get infinite weight."""
 _ROUNDS = 6
-"""Of rejecting and weighing again, each a few ms: the sets that it settles on are found in three. Not varied."""
+"""Rounds of rejecting and weighing again, each a few ms: the sets that it settles on are found in three. Not varied."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

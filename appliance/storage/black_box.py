@@ -16,10 +16,10 @@ from drivers.errors import RecordingError
 from drivers.recordings.mcap_file import McapReader, McapWriter
 
 FORMAT = 1
-"""Of the messages; it rises where an old reader would take a file for something that it is not."""
+"""Version of the messages; it rises where an old reader would take a file for something that it is not."""
 CHUNK_NS = 1_000_000_000
-"""Of each part that is compressed and checked on its own, and so what a cut or a power failure takes at most. Longer
-takes more with it; shorter compresses worse."""
+"""Length of each part that is compressed and checked on its own, and so what a cut or a power failure takes at most.
+Longer takes more with it; shorter compresses worse."""
 
 _MOST_NAMED = 3
 """Damages told one by one in a sentence; the rest is counted."""

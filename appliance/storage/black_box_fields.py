@@ -36,9 +36,10 @@ _MOST_NS = 1 << 62
 """A century and a half: what is computed of it fits 64 bits."""
 _LEAST_SIDE_PX, _MOST_SIDE_PX = 1, 16_384  # as the drivers take a picture, and as a configuration may name it
 _MOST_PIXELS = 1 << 24
-"""Of one picture: twice the largest screen that scanners have. A damaged size asks for any memory."""
+"""Pixels of one picture: twice the largest screen that scanners have. A damaged size asks for any memory."""
 _ROTATION_TOLERANCE = 1e-3
-"""Of RᵀR. A rotation of a service is orthonormal to rounding; more digits would refuse one that a person typed."""
+"""Tolerance of RᵀR. A rotation of a service is orthonormal to rounding; more digits would refuse one that a person
+typed."""
 _LEAST_SCALE, _MOST_SCALE = 1e-4, 1e2
 """mm per px between which every scanner is: from an acoustic microscope to a screen that shows a whole body."""
 

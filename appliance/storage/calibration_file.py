@@ -46,7 +46,8 @@ _MAX_SKEW = 0.05
 """Largest cosine between picture axes: freehand PLUS calibrations come to about 0.02."""
 
 _LAST_ROW_WITHIN = 1e-6
-"""Of 0 0 0 1: what PLUS prints exactly. More takes a matrix in another form for a calibration."""
+"""Tolerance of the last row, 0 0 0 1: what PLUS prints exactly. More takes a matrix in another form for a
+calibration."""
 _SCALE_RANGE_MM = (1e-3, 10.0)
 """mm per px. Pictures of 1 to 30 cm in 200 to 2000 px have .005 to 1.5; metres and micrometres for mm lie outside."""
 

@@ -19,7 +19,7 @@ longer: the rest is passed over. Up to the second each gap is ticked through, wh
 """
 
 _MOST_IDLE = 86_400_000_000_000 // TICK_NS
-"""Of such ticks in a recording beyond short gaps, a day, which takes a minute or two: stamps may leap by years with
+"""Such ticks in a recording beyond short gaps, a day, which takes a minute or two: stamps may leap by years with
 every sample. Fewer tell less exactly when a state changed in long gaps, more take longer for a hostile file."""
 
 NEAREST_MM = 5.0
@@ -28,7 +28,7 @@ are larger than that. More asks about healthy recordings whether they are in mm;
 whose poses of 2 m look like 2 mm."""
 _NO_POSE = "no picture has a pose"
 _MOST_REASONS = 8
-"""Of poses that cannot be used, the most frequent ones. More is for nobody to read: some hold a number each."""
+"""Most frequent reasons of poses that cannot be used. More are not read: some hold a number each."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,7 @@ from drivers.errors import ConfigurationError
 from drivers.files.regular_file import refuse_irregular
 
 PAGE_BEGINS = b"<!doctype html>"
-"""Of every page that a command writes, for `check_replaceable`."""
+"""Beginning of every page that a command writes, for `check_replaceable`."""
 
 
 def sync_directory(directory: Path) -> None:

@@ -8,7 +8,7 @@ import xml.etree.ElementTree as ET
 from typing import Any
 
 _MOST_PARTS = 8
-"""Of a dotted key. tomllib keeps every beginning of a key, so 8000 parts, which are 16 kB, took 300 MB."""
+"""Parts of a dotted key. tomllib keeps every beginning of a key, so 8000 parts, which are 16 kB, took 300 MB."""
 
 _MOST_NESTED = 16
 """Brackets in brackets; a matrix of a calibration needs two."""

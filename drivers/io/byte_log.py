@@ -24,7 +24,7 @@ from drivers.printable import LONGEST_TEXT, printable
 
 HEADING = "# probewatch byte log 1"
 LIMIT_BYTES = 64 << 20
-"""Of both files of a log. A 60 Hz Polaris with one tool fills about 10 kB a second, so that the last
+"""Size of both files of a log. A 60 Hz Polaris with one tool fills about 10 kB a second, so that the last
 55 minutes are always there, by the length of its lines; more takes more of the cart's disk."""
 
 _ENTRY = re.compile(r"(\d+\.\d{6}) ([><!]) (.*)")

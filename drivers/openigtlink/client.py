@@ -36,11 +36,11 @@ pictures of 1920 × 1080 in colour fit. One that sends more takes the interprete
 _SECOND_NS = 1_000_000_000  # over which they are counted
 
 _MOST_NAMES = 32
-"""Of what a server sends, kept to say what there is. A hostile one could invent names without end."""
+"""Names of what a server sends, kept to say what there is. A hostile one could invent names without end."""
 
 
 _MOST_TOLD = 8
-"""Of these names in a sentence. More is for nobody to read."""
+"""Most of these names in a sentence. More are not read."""
 
 
 class IgtlClient:

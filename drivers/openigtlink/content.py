@@ -22,7 +22,7 @@ _STRING = struct.Struct(">HH")
 _COMMAND = struct.Struct(">I128sHI")
 _START = struct.Struct(">i32s")
 _TYPE_BYTES = 12
-"""Of a message type in CAPABILITY, by the specification."""
+"""Length of a message type in CAPABILITY, by the specification."""
 
 
 @dataclass(frozen=True, slots=True)

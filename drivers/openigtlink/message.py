@@ -18,14 +18,14 @@ from drivers.errors import ProtocolError
 from drivers.printable import printable
 
 HEADER_BYTES = 58
-"""Of every message, by the specification."""
+"""Length of every message's header, by the specification."""
 
 VERSIONS = (1, 2, 3)
-"""Of the header. 3 is laid out as 2, which tells its own sizes."""
+"""Versions of the header. 3 is laid out as 2, which states its own sizes."""
 
 MOST_BODY_BYTES = 1 << 26
-"""Of one message, 64 MiB: a picture of 4096 × 4096 in four channels. A longer body is a damaged or hostile header, and
-what it would make us wait for."""
+"""Body of one message, 64 MiB: a picture of 4096 × 4096 in four channels. A longer body is a damaged or hostile header,
+and what it would make us wait for."""
 
 US_ASCII, UTF_8 = 3, 106
 """Encodings by their numbers at IANA (MIBenum)."""
@@ -35,7 +35,7 @@ _EXTENDED = struct.Struct(">HHII")
 _ENTRY = struct.Struct(">HHI")
 _COUNT = struct.Struct(">H")
 _FRACTION_BITS = 32
-"""Of the time: its second word counts 2⁻³² s."""
+"""Fraction of the time: its second word counts 2⁻³² s."""
 
 Entry = tuple[str, int, str]
 """Key, encoding of the value as IANA numbers it, value."""

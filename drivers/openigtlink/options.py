@@ -20,7 +20,7 @@ VIDEO_DEADLINE_MS = 500.0
 of 4 Hz between two pictures."""
 
 NAME_BYTES = 20
-"""Of a device name, by the specification: senders cut longer ones off."""
+"""Length of a device name, by the specification: senders cut longer ones off."""
 
 _ASKS = {None: "", "tdata": "TDATA", "qtdata": "QTDATA"}
 _FULL_NAME = re.compile(r".+To[A-Z].*")

@@ -8,9 +8,9 @@ from drivers.outputs.heartbeat import CLICKS, HEARTBEAT
 
 _WATCHDOG = "hardware watchdog, or `heartbeat=`"
 _PITCHES_HZ = (150, 1000)
-"""Of the fundamental of an alarm, by IEC 60601-1-8."""
+"""Bounds of the fundamental of an alarm, by IEC 60601-1-8."""
 _CHANNELS = (1, 16)
-"""Of LCUS boards: the largest on sale have 16 relays."""
+"""Channels of LCUS boards: the largest on sale have 16 relays."""
 
 _LEVEL = Option("active", "the level that energises", "high", words=("high", "low"), refusal="is not known")
 

@@ -22,7 +22,7 @@ HEARTBEAT = Option(
 """At 5 Hz a half period is two writes of the service; at .5 Hz a watchdog relay would have to wait for 2 s."""
 
 CLICKS = replace(HEARTBEAT, bounds=(0.5, 1))
-"""Of a mechanical relay: 100 000 clicks under load last a day at 1 Hz; twice as fast, half a day."""
+"""Heartbeat of a mechanical relay: 100 000 clicks under load last a day at 1 Hz; twice as fast, half a day."""
 
 
 @dataclass

@@ -39,8 +39,8 @@ _HARMONICS = (1.0, 0.7, 0.5, 0.35, 0.25)
 tests/drivers/outputs/test_tone.py measures it. Nobody has compared how other rows sound."""
 
 _LEVEL = 0.5
-"""Of full scale, for the peak of all partials together. The volume is the sound card's; the rest is headroom, which
-resampling may need."""
+"""Share of full scale, for the peak of all partials together. The volume is the sound card's; the rest is headroom,
+which resampling may need."""
 
 _FADE = RATE_HZ // 100
 """Samples of 10 ms. Shorter ramps click, longer ones blur pulses of 150 ms."""

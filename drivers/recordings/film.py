@@ -26,19 +26,19 @@ from drivers.trackers.plus_transform import GOOD, WITHOUT_POSE, TransformReading
 from drivers.video.crop import FLIPS
 
 _MOST_PICTURES = 1_000_000
-"""Of a film: nine hours at 30 Hz, whose times are all kept. A damaged film may have no end."""
+"""Pictures of a film: nine hours at 30 Hz, whose times are all kept. A damaged film may have no end."""
 _LISTS = (b"#EXTM3U", b"ffconcat", b"ID3")
 """Beginnings of files that FFmpeg takes for lists of other films, wherever those lie, and of the tag that it skips
 before it looks for such a beginning."""
 _MOST_TABLE_BYTES = 256_000_000
-"""Of a table, all of which is kept: as much as the header of a sequence may have."""
+"""Size of a table, all of which is kept: as much as the header of a sequence may have."""
 _MATRIX = tuple(f"m{row}{column}" for row in range(3) for column in range(4))
 _QUATERNION = ("x_mm", "y_mm", "z_mm", "qw", "qx", "qy", "qz")
 _NAME = "ProbeToTracker"
 _OTHER_SEPARATORS = {";": "semicolons", "\t": "tabs", "|": "bars", " ": "spaces"}
 _NUMBER = re.compile(r"[-+0-9.eE]+")
 _MOST_NAMES = 16
-"""Of columns that are told: those of a transform and some beside it. More fills the screen; less hides columns."""
+"""Most columns that are listed: those of a transform and some beside it. More fills the screen; less hides columns."""
 _SHORTEST, _LONGEST = 0.9, 1.1
 """Length of a quaternion that was rounded; others are no rotation, but columns in another order."""
 

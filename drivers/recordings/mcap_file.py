@@ -27,13 +27,14 @@ _CHUNK_BYTES = 1 << 24
 """After which a chunk ends by itself: a second of pictures of 640 × 480 takes half. More takes memory of whoever reads
 it, less compresses worse."""
 _MOST_CHUNK_BYTES = 1 << 26
-"""Of memory that one chunk of a file may ask for: one picture beyond a full chunk. A damaged or hostile length asks for
+"""Memory that one chunk of a file may ask for: one picture beyond a full chunk. A damaged or hostile length asks for
 any amount."""
 _MOST_RECORDS = 100_000
 """In a chunk, which has a second at most, or 16 MB: more than as many poses of the shortest text.
 A message of nothing has 31 bytes, so that two million, which take .6 GB of memory, fit into a chunk of some kB."""
 _MOST_MEMBERS = 100_000
-"""Of one message, by its commas: a status has some 500. A list or an object takes ten times the memory of its text."""
+"""Members of one message, by its commas: a status has some 500. A list or an object takes ten times the memory of its
+text."""
 _MOST_TOPIC = 200
 """Signs of a topic, of which 65,536 are kept; ours have nine at most."""
 _MOST_DAMAGE = 1000

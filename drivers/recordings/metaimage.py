@@ -30,10 +30,11 @@ from drivers.video.crop import FLIPS
 from drivers.video.grey import CHANNELS, grey_of
 
 MAX_LINE_BYTES = 65_536
-"""Of the header; lines of PLUS take some hundred. More reads on in a file that has no lines, and is no header."""
+"""Length of a line of the header; those of PLUS take some hundred. More reads on in a file that has no lines, and is no
+header."""
 
 _MAX_SIDE_PX, MAX_PIXELS = 16_384, 1 << 24
-"""Of one picture, which is in memory two or three times: the largest screen that scanners have, twice."""
+"""Size of one picture, which is in memory two or three times: the largest screen that scanners have, twice."""
 
 MAX_HEADER_LINES, MAX_HEADER_BYTES = 2_000_000, 256_000_000
 """All of it is kept, 500 bytes a line or so; PLUS writes about ten lines and 1 kB a frame: an hour and more."""

@@ -35,7 +35,8 @@ _GREY = ("uchar", "unsigned char", "uint8", "uint8_t")
 _COLOURS = {(size, kind) for size, kinds in (("3", "rgb-color"), ("4", "rgba-color")) for kind in (kinds, "vector")}
 """Size and kind of a first axis that holds the colours of a pixel."""
 _MOST_LINE_BYTES = 4_000_000
-"""Of the header: 3D Slicer writes the times of all pictures in one line, eight hours at 20 Hz in so many."""
+"""Length of a line of the header: 3D Slicer writes the times of all pictures in one line, eight hours at 20 Hz in so
+many."""
 _MOST_AXES = 4  # of PLUS and 3D Slicer: a third spatial axis of one plane
 
 

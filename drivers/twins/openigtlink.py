@@ -91,7 +91,7 @@ _JUMP_NS = 3_600_000_000_000
 """Fault "clock-jump": an hour, as when daylight saving time is put right by hand."""
 
 _SEED = 53
-"""Of the garbage, so that it is the same every time."""
+"""Random seed of the garbage, so that it is the same every time."""
 
 Opener = Callable[[], VideoSource | TrackerSource]
 

@@ -25,8 +25,8 @@ _SEND_S = 0.5
 """For a viewer to take a frame. One that does not is dropped, or the video of the next would wait for it."""
 
 _LONGEST_COST_S = 0.2
-"""Of one frame, seconds of the clock. A frame that waited long for the processor would otherwise let the scanner render
-so far ahead that it shows one picture in as many seconds, long after the processor is free again."""
+"""Cost of one frame, seconds of the clock. A frame that waited long for the processor would otherwise let the scanner
+render so far ahead that it shows one picture in as many seconds, long after the processor is free again."""
 
 
 class VideoPlug:

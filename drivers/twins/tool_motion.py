@@ -37,7 +37,7 @@ _REFERENCE_POSE_MM = (150.0, -40.0, -1700.0)
 """Beside the probe and some 0.2 m behind it, where a reference is clamped to the table; tracker frame."""
 
 WITNESS_MM = (80.0, 10.0, -15.0)
-"""Of a second body on the probe, in the axes of the first: as far as two bodies of usual size must be apart."""
+"""Place of a second body on the probe, in the axes of the first: as far as two bodies of usual size must be apart."""
 _OTHER_NOISE = 1 << 40
 """Added to the number of a measurement: the seed of another noise, which no measurement of the probe has."""
 

@@ -15,7 +15,7 @@ _POSE_HZ = 60.0
 """As a Polaris Spectra."""
 
 _LONGEST_COST_S = 0.2
-"""Of one sample, seconds of the clock: as of drivers.twins.scanner."""
+"""Cost of one sample, seconds of the clock: as in drivers.twins.scanner."""
 
 _S = TypeVar("_S", Frame, Pose)
 

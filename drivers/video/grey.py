@@ -9,7 +9,7 @@ from drivers.samples import GreyImage
 _CONVERSIONS = {3: cv2.COLOR_RGB2GRAY, 4: cv2.COLOR_RGBA2GRAY}
 """By the number of channels."""
 CHANNELS = (1, *_CONVERSIONS)
-"""Of a picture that can be made grey: grey, RGB, RGBA."""
+"""Channels of a picture that can be made grey: grey, RGB, RGBA."""
 
 
 def grey_of(pixels: NDArray[np.uint8]) -> GreyImage:

@@ -13,7 +13,7 @@ GAP = "poses too far apart"
 NOT_OK = "pose not usable: "
 NEVER = "no pose after the frame"
 REASONS = (NO_POSE, GAP, NEVER, *(NOT_OK + status.value for status in PoseStatus if status is not PoseStatus.OK))
-"""Of every frame without a pose; a technician reads them beside the counts of a scan."""
+"""Reasons of frames without a pose; a technician reads them beside the counts of a scan."""
 
 
 @dataclass(frozen=True, slots=True)

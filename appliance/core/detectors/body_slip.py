@@ -18,7 +18,7 @@ SHIFT_NS = 100_000_000
 LAGS_NS = (-SHIFT_NS, -SHIFT_NS // 2, 0, SHIFT_NS // 2, SHIFT_NS)
 """At which the way of the pictures is read."""
 DENIED = 1 / 3
-"""Of the way out of the plane that the tracker went: where the pictures show less of it, it was none of the probe's.
+"""Share of the tracker's way out of the plane: where the pictures show less of it, it was none of the probe's.
 More calls a twist of the probe a slip where the beam is thick, less takes the ups and downs of likeness for a motion.
 Not measured on tissue."""
 ALIKE = 0.3

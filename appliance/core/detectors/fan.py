@@ -31,9 +31,9 @@ _WINDOWS_PX = (16, 8)
 """On either side of where a border was last found in which it is looked for, one after the other. The first covers what
 the search leaves of a picture whose every third pixel it takes."""
 _ROUNDS = 3
-"""Of reweighted least squares at each window."""
+"""Rounds of reweighted least squares at each window."""
 _LEAST_SD_PX, _MOST_SD_PX = 0.29, 1.5
-"""Of a border's points: of whole pixels, and of one that is worth following."""
+"""Standard deviation, px, of a border's points: of whole pixels, and of one that is worth following."""
 _LEAST_REACH_PX = 2.0
 """Beyond which a point counts for nothing, at the last. More is drawn to what lies beside, less to pixels."""
 _TUKEY = 4.0
@@ -50,15 +50,15 @@ of 80 drawn fans behind the worst of four grabbers."""
 _OUTWARDS = {LEFT: -1, RIGHT: 1, FACE: -1, BOTTOM: 1}
 """Sign of the column or row by which a border is further out."""
 _CLEAR_SHARE, _INSIDE_PX, _USUAL = 0.4, (3, 8), 60
-"""Of what (percentile of the places) is seen so many px inside a border, the grey up to which what lies beside it is
-dark: an edge that a scaler has blurred lies where it is half as bright. More loses borders of which tissue is dark in
-parts."""
+"""Share of what (percentile of the places) is seen so many px inside a border, the grey up to which what lies beside it
+is dark: an edge that a scaler has blurred lies where it is half as bright. More loses borders of which tissue is dark
+in parts."""
 _ACROSS, _MARGIN_RAD, _BESIDE_RAD, _MOST_LIT = 40, 0.03, np.linspace(0, 0.2, 12), 0.15
 """Places beside a fan that are looked at: along a border, from how far beside it, rad or share of its depth, to how
 far. Of those so many may show something, as text does; tissue that goes on above the shadow of a rib shows .3 and
 more."""
 _MOST_ASPECT_SIGMA = 0.1
-"""Of a fan's aspect: of a larger one nobody knows whether the upper border is an arc about the apex."""
+"""Sigma of a fan's aspect: with a larger one it is not known whether the upper border is an arc about the apex."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

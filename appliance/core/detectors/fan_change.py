@@ -13,7 +13,7 @@ from appliance.core.detectors.fan_borders import BOTTOM_RADIUS, LEFT_SLOPE
 from drivers.rigid import Array
 
 _ROUNDS = 3
-"""Of least squares: a stretch of a half and a shift by half of the picture are found to 10⁻⁴."""
+"""Rounds of least squares: a stretch of a half and a shift by half of the picture are found to 10⁻⁴."""
 _MOST_MISFIT = 16.0
 """χ² of what stretch and shift leave, of 2 or 3 numbers, by which a pair is still one picture stretched. Less misses
 what sigma is small for; more takes shadows for stretches."""

@@ -8,8 +8,8 @@ from drivers.rigid import Array
 from drivers.samples import GreyImage
 
 _LONGEST_PX = 480
-"""Of the picture that is searched, of which every second or third pixel of a larger one is taken. More costs time: 1.5
-ms at so many."""
+"""Longest side of the picture that is searched, for which every second or third pixel of a larger one is taken. More
+costs time: 1.5 ms at so many."""
 _CORNER = 8
 """Part of the width and height that a corner is. One of the four at least is black beside a sector."""
 _NOISE_SIGMAS, _LEAST_GREY = 4.0, 2.0
@@ -22,9 +22,10 @@ _PAIRS = 150
 _BESIDE_PX = 1.5
 """How far a point of a border may lie beside it, of the picture that is searched."""
 _LEAST_SHARE, _LEAST_POINTS = 0.35, 12
-"""Of the points of a border that must lie on it. Less finds fans in ragged shapes, more misses those with shadows."""
+"""Share and number of the points of a border that must lie on it. Less finds fans in ragged shapes, more misses those
+with shadows."""
 _LEAST_SLOPE, _MOST_SLOPE = 0.08, 2.0
-"""Of a side, columns per row: half an opening angle of 5 to 63°. Less takes rectangles that lean for fans."""
+"""Slope of a side, columns per row: half an opening angle of 5 to 63°. Less takes rectangles that lean for fans."""
 _ASPECTS = np.arange(0.7, 1.5, 0.05)
 """Rows ÷ columns of the same length, that are tried. No video mode is squeezed further."""
 _LEAST_DEPTH = 1.15

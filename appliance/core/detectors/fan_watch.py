@@ -47,7 +47,7 @@ measured."""
 
 
 _PERCENT = np.array([100.0, 100.0, 1.0, 1.0])
-"""Of a change's numbers, what makes them % and px."""
+"""Factors that turn a change's numbers into % and px."""
 _NOT_SEEN = np.full(2, np.nan)
 """In place of what a hidden fan would show."""
 

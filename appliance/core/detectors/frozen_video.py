@@ -15,7 +15,7 @@ _SAME_GREY = 2
 ± 4 greys is live (tests/appliance/core/detectors/test_detectors.py).
 """
 _CHANGED_SHARE = 1e-3
-"""Of the pixels, that may change in a frozen picture: a clock of 20 × 10 px in 640 × 480 is .0007
+"""Share of the pixels that may change in a frozen picture: a clock of 20 × 10 px in 640 × 480 is .0007
 (tests/appliance/core/detectors/test_detectors.py). More calls a live picture frozen that moves in one place only.
 """
 

@@ -10,11 +10,12 @@ import numpy as np
 from drivers.rigid import Array
 
 _DEGREE, _LEAST_SPARE = 3, 4
-"""Of the polynomial in time, and readings beyond the unknowns below which it is one less. A lower one takes the turn of
-a hand for a leap, a higher one the leap for a turn; a third of a second of a gesture at 1.5 s is a cubic to .01 mm."""
+"""Degree of the polynomial in time, and readings beyond the unknowns below which it is one less. A lower one takes the
+turn of a hand for a leap, a higher one the leap for a turn; a third of a second of a gesture at 1.5 s is a cubic to
+.01 mm."""
 
 _CLEAN = 0.25
-"""Of a leap. An outlier of two of the readings after it leaves .3 and more; the noise of a leap of 8 sigmas .3 at
+"""Share of a leap. An outlier of two of the readings after it leaves .3 and more; the noise of a leap of 8 sigmas .3 at
 most, and .15 usually."""
 _LEAST_BESIDE, _OF_BOTH = 2, 1.5
 """Readings that must lie beside the past, and variance of the difference of two, in that of one, where the past is

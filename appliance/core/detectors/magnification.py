@@ -27,19 +27,19 @@ _ALIKE, _EVERY_NS = 0.8, 400_000_000
 """Likeness below which, and time after which, the next is measured: a stretch by 5 % leaves .8. Less likeness leaves
 fewer parts to measure, more adds up the noise of more measurements."""
 _LEAST_SIDE_PX = 48
-"""Of what both pictures show, px of the small one: less leaves too few parts side by side."""
+"""Side of what both pictures show, px of the small one: less leaves too few parts side by side."""
 _MOST_TURN_RAD = np.deg2rad(0.5)
 """Between the two: speckle that turns in a beam that does not looks shrunk across it, by 1 % a degree and more."""
 _LEAST = 0.07
-"""Of the logarithm of an axis: a zoom of 1.3 over half a second changes .018 from picture to picture. In five healthy
-sessions of the study it came to .046 at most. Less takes noise for it, more misses what is animated."""
+"""Change of the logarithm of an axis: a zoom of 1.3 over half a second changes .018 from picture to picture. In five
+healthy sessions of the study it came to .046 at most. Less takes noise for it, more misses what is animated."""
 _LEAST_STRAIN = 0.12
 """The same where one axis has more: tissue under a hand is strained, and a shadow's edge draws one axis."""
 _EVEN = 0.6
-"""Of the smaller of both axes to the larger, from which it is a zoom: tissue that is pressed is strained along one.
-What the face has been pressed by, as a share of the picture's height, is allowed beside: no tissue between the face and
-the lower edge of the picture is strained by more on average, nor as much to either side. A press of 3 mm strained 21 mm
-of a half space by .14 and .1 (study, gesture, half-20)."""
+"""Ratio of the smaller of both axes to the larger, from which it is a zoom: tissue that is pressed is strained along
+one. What the face has been pressed by, as a share of the picture's height, is allowed beside: no tissue between the
+face and the lower edge of the picture is strained by more on average, nor as much to either side. A press of 3 mm
+strained 21 mm of a half space by .14 and .1 (study, gesture, half-20)."""
 
 
 _LEAST_GAIN = 0.4

@@ -26,8 +26,8 @@ _SHORTEST_NS, _LONGEST_NS = 20_000_000, 250_000_000
 """What one picture may stand for. The longest keeps a pause, which is another detector's, out of the account; the
 shortest goes to pictures without tissue whose stamps do not advance, so that such a stream fails as well."""
 _FAST_NS, _IN_TURN = 45_000_000, (2, 3)
-"""Of video faster than this every second and every third picture in turn is judged, to spare the processor; equal steps
-could see only one kind of a flicker. The judgement stands until the next."""
+"""Period of video below which every second and every third picture in turn is judged, to spare the processor; equal
+steps could see only one kind of a flicker. The judgement stands until the next."""
 
 
 class NoPicture(Detector):

@@ -80,8 +80,8 @@ _AS_IT_WAS = 0.95
 """Share of parts alike from which a look asks no more: each that does costs 4 ms. Of coarse speckle that was turned by
 5° .79 are. More asks whenever tissue moves a little, less misses small turns."""
 _NAMED = 0.1
-"""Of the logarithm of a zoom found so, from which it is named; a smaller one voids what was shown. Breathing by 12 mm
-presses soft tissue against a face that rests, and came to .058 and .067 (study, gesture-hold over
+"""Change of the logarithm of a zoom found so, from which it is named; a smaller one voids what was shown. Breathing by
+12 mm presses soft tissue against a face that rests, and came to .058 and .067 (study, gesture-hold over
 half-20+drag-1+deep+breath-12-axial, seeds 1, 2). Less accuses patients, more leaves small zooms to motion."""
 _COVERED = 5
 """Pictures in a row with the same part covered after which the cover belongs to the picture: a torn one is alone."""

@@ -41,9 +41,10 @@ _LEAST_ZOOM = 0.02
 _LEAST_GREY = 1.0
 """Standard deviation of what is looked for, grey levels: black with faint noise has less, dim tissue 5 and more."""
 _BEST = 3
-"""Of the coarse search, which are looked at again: among those beside each other the best is mostly the first."""
+"""Candidates of the coarse search that are looked at again: among those beside each other the best is mostly the
+first."""
 _FLIPS = {(-1, 1): 1, (1, -1): 0, (-1, -1): -1}
-"""Of `cv2.flip`, for each polarity that is not the reference's."""
+"""Argument of `cv2.flip` for each polarity that is not the reference's."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,14 +26,14 @@ _LEAST_GREY = 2.0
 """Standard deviation of a small picture, grey levels, from which it can be compared: noise of ± 4 on black has 1.5,
 dim tissue 5 and more."""
 _LEAST_SIDE_PX = 32
-"""Of a small picture: less is no picture but a strip, whose parts are a few px."""
+"""Side of a small picture, px: less is no picture but a strip, whose parts are a few px."""
 _GRID = (6, 4)
 """Parts across and down. Fewer smear a change over a whole part, more hold too few grains to tell."""
 _PART_BESIDE_PX = 1
 """px beside the common shift at which a part may lie: a turn of 1° at the edge of the picture. More finds a part by
 chance, less loses the edges of a picture that the hand has turned."""
 _LEAST_PARTS = 6
-"""Of those that show anything in both. Fewer let a corner speak for the picture, more ask for a full field."""
+"""Parts that show anything in both. Fewer let a corner speak for the picture, more ask for a full field."""
 _LEAST_SHOWN = 2
 """Parts of a picture that must show something, so that it can be compared: wires in water are in three or four."""
 _ALIKE, _LEAST_ALIKE = 0.4, 0.75
@@ -51,10 +51,10 @@ _LEAST_HURRIED, _MOST_OF_THEM, _LEAST_HALF = 0.5, 0.5, 0.35
 share in each half: of a torn picture one half is as it was, and the other another. 25 mm/s out of the plane with a turn
 of 30°/s left .6 to .8 alike and a tenth of them much alike. Less follows a torn picture."""
 _IN_PLACE_PX = 2.6
-"""Of the place at which the tissue should be, .5 mm of a picture of 32 mm. With .2 s between, 11 pairs each of a sweep
-of 5 mm/s, a fan and an in-plane gesture (seed 1): of the same tissue 24 were alike as a whole, or all over and in
-place; magnified by 9 to 30 % or mirrored none, stretched along one axis by 12 % ten, all but two of which are told as
-stretched. More takes chance for a place, less loses tissue that moves."""
+"""Distance, px, from the place at which the tissue should be, .5 mm of a picture of 32 mm. With .2 s between, 11 pairs
+each of a sweep of 5 mm/s, a fan and an in-plane gesture (seed 1): of the same tissue 24 were alike as a whole, or all
+over and in place; magnified by 9 to 30 % or mirrored none, stretched along one axis by 12 % ten, all but two of which
+are told as stretched. More takes chance for a place, less loses tissue that moves."""
 DARK = 0.4
 """Contrast of a place ÷ that of what is looked for there, below which it shows nothing: shadow, or skin that the probe
 has left. Less finds bands in the dark of a probe in air; more loses tissue behind a shadow."""

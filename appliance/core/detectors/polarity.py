@@ -20,7 +20,7 @@ POLARITIES = ((1, 1), (-1, 1), (1, -1), (-1, -1))
 MOST_FLIPPED = 0.5
 """Axes: between none and one."""
 UNWEIGHED = Check("polarity", Fault.POLARITY, nan, 0.0, "axes", MOST_FLIPPED, VerdictKind.NOT_VERIFIED)
-"""Of a window that does not tell it."""
+"""Check of a window that does not show the polarity."""
 _WORSE = 40.0
 """By how much, in −2 log likelihood, every other polarity must be worse. Less decides from motion along one axis alone,
 which cannot tell (tests/appliance/core/detectors/test_detectors.py); more decides later. The figure was not measured.
@@ -36,9 +36,10 @@ _GENEROUS = Noise(
         + [np.square(np.deg2rad([0.1, 0.3, 0.3, 0.3, 0.0, 0.1, 0.1]))]
     )
 )
-"""Of each part, in the order of `Noise.variances`, lateral, axial and turn: 2.5 times the noise of an optical tracker,
-and quiet breaths of 4 to 6 mm. A flip that stands out of it needs no noise to be learned. More names flips later (twice
-as much: in-plane after 1 s instead of .8, median of 16), less takes lags for them (.15 mm: one of 40 of -300 ms)."""
+"""Variance of each part, in the order of `Noise.variances`, lateral, axial and turn: 2.5 times the noise of an optical
+tracker, and quiet breaths of 4 to 6 mm. A flip that stands out of it needs no noise to be learned. More names flips
+later (twice as much: in-plane after 1 s instead of .8, median of 16), less takes lags for them (.15 mm: one of 40 of
+-300 ms)."""
 _FITS = 0.5
 """Mean square of what the flip leaves, in `_GENEROUS`, up to which it explains the motion: .02 to .1 where the rest of
 the calibration is right, .6 where it is off by 20° (one second of a sweep, one seed). More names a flip where a lag or

@@ -21,10 +21,10 @@ _APART_PX = 8.0
 """Least spacing of ticks: closer ones are one mark under `_ABOUT`. 1 mm ticks of 200 mm in 1080 rows are 5 px apart and
 are not found; their neighbours of 5 mm are not either, as all stand in the same columns."""
 _LEAST_GREY = 20.0
-"""Of a mark above its surroundings, mean over the ruler's columns. Less counts the noise of a grabber (sigma 6 greys of
-3 columns come to 15 at worst in 480 rows); more misses dim rulers. Not measured on real scanners."""
+"""Grey of a mark above its surroundings, mean over the ruler's columns. Less counts the noise of a grabber (sigma 6
+greys of 3 columns come to 15 at worst in 480 rows); more misses dim rulers. Not measured on real scanners."""
 _OF_USUAL = 0.5
-"""Of the usual mark's height, below which a mark is none: the shadow of a letter, the ripple of a codec."""
+"""Share of the usual mark's height, below which a mark is none: the shadow of a letter, the ripple of a codec."""
 _FURTHEST = 3
 """Spacings from one tick to the next that is seen: two may be covered in a row. More bridges lines of text."""
 _LEAST_TICKS, _LEAST_SPAN = 5, 0.33

@@ -21,8 +21,8 @@ marks close to the sector; narrower takes a gap in the speckle for screen."""
 _MARK_GREY = 25
 """Change that makes a pixel part of a mark. Less counts the ripple of a codec; more misses a dim text. Not measured."""
 _LEAST_SHARE, _MOST_SHARE = 2.5e-4, 0.1
-"""Of the picture that a mark covers. The least is 9 × 9 px of 640 × 480, smaller than any freeze symbol; a third of it
-is ten pixels of noise. The most is a menu, another detector's. Not measured on real scanners."""
+"""Share of the picture that a mark covers. The least is 9 × 9 px of 640 × 480, smaller than any freeze symbol; a third
+of it is ten pixels of noise. The most is a menu, another detector's. Not measured on real scanners."""
 
 _Sparse = NDArray[np.int16]
 

@@ -18,8 +18,8 @@ from drivers.samples import Matrix4
 SLIPS_S = (0.5, 5.0)
 """Durations for which the line looks: a clamp that gives way to a push, and one that creeps. Not varied."""
 _SHARE = 0.75
-"""Of the limits of offset and rotation, below which nothing is doubted: less opens the contact whenever a breath begins
-after a pause (2.5 mm in half a second, `tools/study/session.py`), more sees slips only beyond their limit."""
+"""Share of the limits of offset and rotation, below which nothing is doubted: less opens the contact whenever a breath
+begins after a pause (2.5 mm in half a second, `tools/study/session.py`), more sees slips only beyond their limit."""
 _USUAL, _MEMORY, _LEARNED = 5.0, 20.0, 4.0
 """How many times the usual (RMS) is doubted, for how long disagreement counts as usual, and how long it is learned
 before anything is, both in times for which it adds up. Fewer times open the contact of breathing patients, more see

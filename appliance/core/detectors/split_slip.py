@@ -24,19 +24,19 @@ _WITHIN_NS = 2_000_000_000
 """From the first gap to the end of the last. Longer sees parts that come more seldom, and adds up more of what a hand
 does meanwhile. Not varied."""
 _GAP, _LEAST_GAP_NS = 2.5, 45_000_000
-"""Of the shortest time between two readings, and time, beyond which readings are apart by a gap. Less takes a single
-reading that is missing for one; more sees no slip amid shorter gaps. Not varied."""
+"""Multiple of the shortest time between two readings, and time, beyond which readings are apart by a gap. Less takes a
+single reading that is missing for one; more sees no slip amid shorter gaps. Not varied."""
 _CHUNK_NS = 100_000_000
-"""Of readings between the gaps, by which the velocities of the hand are known. Less takes the noise of a tracker for
-velocities, more misses how fast a hand goes to and fro. Not varied."""
+"""Span of readings between the gaps, by which the velocities of the hand are known. Less takes the noise of a tracker
+for velocities, more misses how fast a hand goes to and fro. Not varied."""
 _LEAST_CHUNKS, _FASTER = 8, 1.5
 """How many of these must be known, and how many times as fast a hand may go in the gaps. With fewer and less, a fan of
 which half of the readings were missing was doubted over tissue that looks alike everywhere; with more, less is seen
 amid many gaps, or in the first two seconds of a rest (paths without pictures, two seeds)."""
 _LEAST_GAPS = 2
-"""Of one alone `MarkerSlip` tells."""
+"""Gaps from which a slip is looked for; one alone is for `MarkerSlip`."""
 _PLANE = [0, 1, 5]
-"""Of the six of a way those that lie in the plane."""
+"""Components of a way, of six, that lie in the plane."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -28,7 +28,8 @@ _ASTRAY_PX, _LEAST_PARTS = 1.5, 9
 """How far beside the fit a part has been taken for another, and the fewest that tell: less than half of the grid is one
 corner of the picture."""
 _TURNS, _NEAR_PX = 8, 0.3
-"""Of reweighting, and distance from the fit within which a part counts fully: what the vertex of a peak is right to."""
+"""Rounds of reweighting, and distance from the fit within which a part counts fully: what the vertex of a peak is right
+to."""
 _RIGID = 3
 """Columns of the fit that are no stretch: a shift along two axes, and a turn."""
 _LOOKS = 2

@@ -38,8 +38,8 @@ _LONGEST_NS = 2_000_000_000
 LOOK_NS = 50_000_000
 """Between two looks at the window. Less costs the processor, more names a step later by as much."""
 NAMED_SHARE = 0.5
-"""Of the limit, beyond which it is named: half-way, where a step as large as the limit is as far from naught as from
-itself. Less alarms for noise, more misses such a step by noise."""
+"""Share of the limit, beyond which it is named: half-way, where a step as large as the limit is as far from naught as
+from itself. Less alarms for noise, more misses such a step by noise."""
 FIRST_SHARE = 1.0
 """The same until the noise is known by a minute: before it nobody knows how the tracker errs from place to place, and
 half-way alarmed in each of four hours of .2 mm of that. Less alarms for it, more misses what moves in that minute."""
@@ -47,7 +47,8 @@ NAMED_SIGMA = 6.0
 """The same in standard deviations of a window. Three rows of noise pass 6 once in 10^7 (Maxwell, by calculation), and
 1,000 h have 10^7 windows; the scale is that of the noisiest row. More misses steps, less alarms for noise."""
 KEPT_SHARE = 0.7
-"""Of where it is named, below which it is undone. More flickers at the limit; less holds on to what was bent back."""
+"""Share of where it is named, below which it is undone. More flickers at the limit; less holds on to what was bent
+back."""
 SETTLED_BLOCKS, BLOCKS, FRESH_BLOCKS = 150, 1500, 50
 """Windows: a minute, from which the relative pose is known for good; ten minutes, from which the noise is known; and
 how many are new each time that it is computed. Fewer do not know how the tracker errs from place to place (.1 mm of it

@@ -22,13 +22,14 @@ _LEAST_BREATHS = 2
 _LEAST_MORE = 1
 """Whole ones, where the shape is known from before. None at all leaves length and level to the scale."""
 _LEAST_DEPTH_MM = 1.0
-"""Of breathing. Less is as soon the drift of a path; a scale that it hides stays hidden. Not measured."""
+"""Depth of breathing. Less is as soon the drift of a path; a scale that it hides stays hidden. Not measured."""
 _SHORTEST_S = 1.5
-"""Of a breath: 40 a minute, an infant's. Shorter ones are hardly to be told from a press."""
+"""Shortest breath: 40 a minute, an infant's. Shorter ones can hardly be distinguished from a press."""
 _PROMINENCE = 0.5
-"""Of the end of a breath, in usual depths. Less takes a pause for an end, more leaves shallow breaths out."""
+"""Prominence of the end of a breath, in usual depths. Less takes a pause for an end, more leaves shallow breaths
+out."""
 _HARMONICS = 2 * np.pi * np.arange(1, 5)[:, None]
-"""Of the shape: breathing in takes about a quarter of a breath."""
+"""Harmonics of the shape, rad: breathing in takes about a quarter of a breath."""
 _COEFFICIENTS = 2 * len(_HARMONICS)  # a cosine and a sine of each
 _SHAPE_AGAIN = 0.1
 """Standard deviation of the shape's coefficients, in usual depths, where breaths before these told it. With .2 and .05,

@@ -32,7 +32,7 @@ _STEP_S = 0.16
 _FLOORS = np.square([0.1, 0.1, np.deg2rad(0.03)])
 """mm² and rad² in which lateral and axial steps and turns do not matter: noise of a tracker's two readings."""
 _LEAST_S = 0.6
-"""Of motion whose poses are known at a lag, for that lag to be weighed: as long as two steps that share nothing. What
+"""Length of the motion with poses at a lag, for that lag to be weighed: as long as two steps that share nothing. What
 less motion shows is too little for `MARGIN` anyway.
 """
 _MOST_STEPS = 150

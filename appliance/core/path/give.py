@@ -19,7 +19,7 @@ _DRAG = 0.15
 tissue −.01 ± .01 was seen, where the skin sticks for 3 mm −.5 ± .06 (gesture, in-plane, seed 1); in tissue that follows
 a press .03 to .10 ± .03, and .34 to .58 ± .1 where its skin sticks for 2 mm (gesture, twelve runs)."""
 _LEAST_STIFF = 0.95
-"""Of the product of both shares of a turn, by ∂u_y/∂x and by ∂u_x/∂y, for tissue that follows no press. A wrong ratio
+"""Least product of both shares of a turn, by ∂u_y/∂x and by ∂u_x/∂y, for tissue that follows no press. A wrong ratio
 of the scales divides one by what it multiplies the other with, so the product is 1 less what tissue follows, whatever
 the scales. Where tissue followed by .1 and the axial scale was 10 % too small the first was 1.00, and the cart was OK
 (gesture, five runs); the product was .90 to .92 ± .01, and .97 to 1.03 ± .01 in four rigid gestures. Half way between
@@ -36,7 +36,7 @@ _MISALIGNED = 0.35
 `Prior.tilt_rad`. More lets noise pass for a share; less takes a wrong rotation, which tilts the axis, for soft tissue:
 with .1, another probe was not told to be one (gesture, two seeds)."""
 _LEAST_TURN = 0.1
-"""Of the turn about the elevational axis, what there is at least about such an axis for it to be looked at: of less the
+"""Share of the turn about the elevational axis that there must be about an axis for it to be looked at: of less the
 share is known ten times worse. Not varied."""
 _ANY = 10.0
 """Standard deviation of a share of which nothing is supposed."""

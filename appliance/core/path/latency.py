@@ -43,7 +43,7 @@ MEMORY_S = 0.35
 (tests/appliance/core/path/test_latency.py).
 """
 _MAP_PARAMETERS = 6
-"""Of the 2 × 3 map."""
+"""Parameters of the 2 × 3 map."""
 _DOUBTFUL = 4.0
 """Square of what is left of a step ÷ the usual one, at which it counts half: twice the usual length. More lets single
 bad pictures decide, less forgets the very steps that show the lag. Not measured.

@@ -9,9 +9,9 @@ from appliance.core.path.latency import Latency
 from appliance.core.times import CHANGE_WINDOW_NS
 
 _SPAN_NS, _LEAST_NS = 3 * CHANGE_WINDOW_NS // 2 + 250_000_000, 3 * CHANGE_WINDOW_NS // 2 - 250_000_000
-"""Of the estimates on the line, at most and at least; one comes each .33 s. Much below one and a half windows a step
-within the limit looks like a drift beyond it; longer, a drift is named later: at 10 ms per s from 0, six seconds name
-it at 77 to 80 ms.
+"""Span of the estimates on the line, at most and at least; one comes each .33 s. Much below one and a half windows a
+step within the limit looks like a drift beyond it; longer, a drift is named later: at 10 ms per s from 0, six seconds
+name it at 77 to 80 ms.
 """
 _FLOOR_S = 0.002
 """Least scatter of the estimates about the line that is believed. Those of a healthy hand scatter by 1 to 2 ms."""

@@ -19,13 +19,13 @@ from appliance.types import Calibration
 from drivers.rigid import Array, ComplexArray, rotation_from_vector
 
 ROTATION, SCALE, OFFSET, TAU, FOLLOW, TILT = slice(0, 3), slice(3, 5), slice(5, 8), 8, 9, slice(10, 12)
-"""Of θ (12,): change of the reference in the order of PARAMETERS, the latency, s, and of the tissue, beside what was
-reckoned with: the share by which it follows the face, and the tilt, rad, of the skin's normal against the axis of the
-window's first picture, in its plane and out of it."""
+"""Parts of θ (12,): change of the reference in the order of PARAMETERS, the latency, s, and of the tissue, beside what
+was reckoned with: the share by which it follows the face, and the tilt, rad, of the skin's normal against the axis of
+the window's first picture, in its plane and out of it."""
 NOTHING = np.zeros(12)
 """θ of the reference over tissue as it was reckoned with."""
 VALUE = 12
-"""Of `PathResidual.linear`: the residual itself, behind its derivatives by θ."""
+"""Index in `PathResidual.linear` of the residual itself, behind its derivatives by θ."""
 _OF_X = np.array([0, 1, 2, 5, 6, 7, VALUE])
 """Rotation, offset and value: what `products_and_slopes` is of."""
 _OF_PLACE = np.array([0, 1, 2, 5, 6, 7, TAU])
@@ -42,21 +42,21 @@ Without tilts a first picture rocked by 3° made rotation-elevational 5° and of
 80 mm. Not varied.
 """
 _DOUBTED = 0.5
-"""Of that standard deviation, relative to what is left to show of a press, where polarities are weighed. More hides an
-axis that is mirrored; less holds tissue to a first estimate that breathing may have drawn. Not varied."""
+"""Share of that standard deviation, relative to what is left to show of a press, where polarities are weighed. More
+hides an axis that is mirrored; less holds tissue to a first estimate that breathing may have drawn. Not varied."""
 _MOST_TISSUE = np.array([1.2, 0.4, 0.4])
 """Share and tilts, rad, that are fitted at most: all of it, and as far as a probe is rocked, but for noise."""
 _FOLLOW_BLOCKS = 3
 """Whose steps tell what share is reckoned with at first: a third of a second or more, in which a hand moves and a
 breath hardly does."""
 LEAST_TRAVEL_MM = 1.0
-"""Of the probe along an axis, below which nothing is concluded of its scale: skin drags along with the probe, which no
-simulation here shows. A hand that holds still covers .8 mm axially, a fan 1.2 mm (seed 1 of `probewatch study`).
+"""Way of the probe along an axis, below which nothing is concluded of its scale: skin drags along with the probe, which
+no simulation here shows. A hand that holds still covers .8 mm axially, a fan 1.2 mm (seed 1 of `probewatch study`).
 """
 LEAST_TURN_RAD = np.deg2rad(3.0)
-"""Of the probe in the picture's plane, below which nothing is concluded over tissue that may give way: free to follow
-it, registration errs by half a degree a step, which passes for shear. Tremor turns by 1.2°, the gesture by 16°. More
-asks for a wider rock; less takes noise for a wrong scale or rotation (−24 % in a sweep over a half space, seed 1).
+"""Turn of the probe in the picture's plane, below which nothing is concluded over tissue that may give way: free to
+follow it, registration errs by half a degree a step, which passes for shear. Tremor turns by 1.2°, the gesture by 16°.
+More asks for a wider rock; less takes noise for a wrong scale or rotation (−24 % in a sweep over a half space, seed 1).
 """
 
 _SHEARED = np.array([np.deg2rad(0.1), np.deg2rad(0.1), 0.02])
@@ -100,7 +100,7 @@ class PathResidual:
             np.concatenate([self._path(self._unturn * moved), self.blocks.means(seen), rate]),
             np.concatenate([along, rate]),
         ]
-        """Of the picture plane, complex mm, and out of it."""
+        """Columns in the picture plane, complex mm, and out of it."""
         turned = self._path(turn)
         self._angles: Columns = [np.concatenate([turned, rate, self.blocks.means(alpha[None])])]
         if planar:

@@ -45,7 +45,8 @@ from appliance.types import Calibration
 from drivers.rigid import Array
 
 _ROUNDS, _ROUNDS_ON = 12, 3
-"""Of estimate and noise by turns: from nothing, and from the noise of a window that shares most of the motion."""
+"""Rounds of estimate and noise by turns: from nothing, and from the noise of a window that shares most of the
+motion."""
 _SHORT_LAG_S = 0.2
 """Over which the paths are compared in motion too short for the usual half second: two blocks. Longer tells a polarity
 later; shorter drowns in tracker noise, so that it stays untold. Not varied."""
@@ -54,8 +55,8 @@ _ITERATIONS = 4
 _GIVES_WAY = 0.1
 """Share from which tissue is said to give way. Of a phantom it came to .03 at most (simulated gesture, 10 s)."""
 _DEEPEST_MM2 = np.square([2.0, 6.0])
-"""Of breathing, lateral and axial, as polarities are weighed: breaths of 6 and 17 mm. What a wrong polarity leaves is
-smooth and as large as the probe's way, and would be taken for deeper ones. Not varied."""
+"""Largest variance of breathing, lateral and axial, as polarities are weighed: breaths of 6 and 17 mm. What a wrong
+polarity leaves is smooth and as large as the probe's way, and would be taken for deeper ones. Not varied."""
 _LONGEST_STEP = np.array([0.3] * 3 + [0.3] * 2 + [30.0] * 3 + [0.3] + [0.5] * 3)
 """rad, relative, mm, s, and of the tissue: of a Gauss–Newton step, at most. Where a held probe shows next to nothing, a
 longer one leaves the place about which the rows are linear, and rotations ran away to several turns. Not varied."""

@@ -11,20 +11,20 @@ from appliance.core.path.solver import HUBER, HUBER_SHARE
 from drivers.rigid import Array
 
 INFLATED = 1.3**2
-"""Of every variance: tails that are heavier than the model's. In simulations t₅ tails ended a promise of 1e5 looks
-after 623 without it. More is later, less trusts the learned noise more than its own scatter allows."""
+"""Factor of every variance: tails that are heavier than the model's. In simulations t₅ tails ended a promise of 1e5
+looks after 623 without it. More is later, less trusts the learned noise more than its own scatter allows."""
 BEYOND = 3 * LEFT_OUT
 """rad, relative, mm, s: beyond the limits before anything is accused: three standard deviations of what the model of
 the motion leaves out, as the checks have it."""
 PRIOR = np.array([0.2] * 3 + [0.15] * 2 + [10.0] * 3 + [0.1])
-"""Of what is beyond: it keeps what the motion does not show near the reference."""
+"""Standard deviation of what is beyond: it keeps what the motion does not show near the reference."""
 DRIFT = np.array([2.0, 2.0, np.deg2rad(2.0)])
 """mm/s and rad/s: of each row, for as long as a window: tissue that gives way, a body that creeps. It belongs to
 neither side, or a creep of 1 mm/s would be called a scale while its offset is still within the limit."""
 ANYTHING = np.diag(np.append(PRIOR, DRIFT) ** -2.0)
 """(12, 12): information before any motion is seen."""
 VALUE_ROW = TAU + 1 + DRIFT.size
-"""Of the rows of innovations: θ, the drifts, and the value."""
+"""Index of the value in the rows of innovations, behind θ and the drifts."""
 _TURNS = 3
 """Linear models, each about the fit before: most."""
 _ROUNDS, _SEARCH = 6, 30

@@ -38,15 +38,15 @@ faults as latency; more leaves a late tracker unnamed for longer. Not measured.
 _LEAST_FAR_NS = 3_000_000_000
 """A shorter window is not asked for a far latency: over so little motion chance finds one. Not measured."""
 _FAR_SIGMA_S = 0.01
-"""Of a lag that only the search for an explanation tells: over the study's sessions it is within 6 ms. More names it
-later where it is near its limit, which the fine search covers."""
+"""Sigma of a lag that only the search for an explanation finds: over the study's sessions it is within 6 ms. More names
+it later where it is near its limit, which the fine search covers."""
 _SAME_X = np.array([np.deg2rad(2.0)] * 3 + [0.03] * 2)
 """rad, relative: X within this of the reference is the reference's, and the far latency is all that is wrong. Within
 the limits, or a wrong X would be excused.
 """
 _SAME_SHARE = 0.7
-"""Of their limits, which that is at most where these are tighter than shipped: more than the shares that it is of those
-shipped, so that nothing changes there."""
+"""Share of their limits, which that is at most where these are tighter than shipped: more than the shares that it is of
+those shipped, so that nothing changes there."""
 _SHARPER = 0.5
 """Sigma of the solver's latency ÷ that of the paths, below which it takes the place of it: near to one another the two
 are equally good, and the paths' needs no X.

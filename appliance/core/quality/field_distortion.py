@@ -22,7 +22,7 @@ REPORTS_FAULTS = (Fault.FIELD_DISTORTION,)
 
 NAME = "field-distortion"
 _LEAST_BLOCKS = 40
-"""Of a tenth of a second. Fewer cannot tell 3 mm of metal's error, which is at 6 nats after 7 s of a gesture."""
+"""Blocks of a tenth of a second. Fewer cannot show 3 mm of metal's error, which is at 6 nats after 7 s of a gesture."""
 _LEAST_TRAVEL_MM = 4.0
 """Along an axis of the picture, but for the widest 5 %. Over less, a breath passes for slopes: a breathing hold reached
 28 nats over 1 mm (`probewatch study`, seed 2)."""

@@ -19,7 +19,7 @@ from drivers.rigid import vector_from_rotation
 VERSION = 1
 
 _ROTATION, _SCALE, _OFFSET = slice(0, 3), slice(3, 5), slice(5, 8)
-"""Of PARAMETERS."""
+"""Slices of PARAMETERS."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

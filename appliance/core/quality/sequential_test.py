@@ -38,7 +38,7 @@ from drivers.rigid import Array
 REPORTS_FAULTS = (Fault.ROTATION, Fault.SCALE, Fault.OFFSET, Fault.LATENCY)
 
 WINDOW_NS = PRESENT_NS
-"""Of the oldest start: as long as the window that measures. Longer finds smaller changes later, and costs time."""
+"""Age of the oldest start: as long as the window that measures. Longer finds smaller changes later, and costs time."""
 _STARTS = (10, 14, 19, 26, 36, 45, 58, 76, 100)
 """Lengths that are tested, in blocks of a tenth of a second: each about 1.3 times the one before. A change between two
 of them is found by the shorter one, later by less than that."""

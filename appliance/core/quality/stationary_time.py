@@ -26,11 +26,11 @@ from drivers.rigid import Array
 from drivers.samples import Matrix4
 
 _MOST = 0.25
-"""Of the limits of offset and rotation: how far from the anchor the probe rests, and how far tracker and picture may
-disagree. More calls a slow sweep rest, and leaves less room for what a slip adds to a calibration that was shown with
-room of its own; less loses a hand whose tremor is .3 mm."""
+"""Share of the limits of offset and rotation: how far from the anchor the probe rests, and how far tracker and picture
+may disagree. More calls a slow sweep rest, and leaves less room for what a slip adds to a calibration that was shown
+with room of its own; less loses a hand whose tremor is .3 mm."""
 _IN_PLACE = 0.1
-"""Of the same limits, within which the picture is where it was: if the tracker has left twice in a row, they have
+"""Share of the same limits, within which the picture is where it was: if the tracker has left twice in a row, they have
 parted. More takes a late tracker in a quick motion for that, less misses a slip under a hand's tremor."""
 _ALIKE = 0.9
 """Likeness to the anchor, that bounds what the picture does not show as a way: .46 mm out of the plane, as

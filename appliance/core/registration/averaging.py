@@ -41,10 +41,10 @@ _DEPTHS, _EVERYWHERE = 4, 0.06
 picture alike. In rigid tissue .01, .03 where a part of the face is off the skin; over tissue that follows a press .07
 to .3, as what goes along with the face is no quicker for a quick hand."""
 _FAINT = 0.02
-"""Of the strength of all slopes, at most, in a band that says nothing: one as dark as that holds the rounding of greys.
-Not measured."""
+"""Largest share of the strength of all slopes in a band that says nothing: one as dark as that holds the rounding of
+greys. Not measured."""
 _SAME = 0.1
-"""Of the last picture, what a share that is told now would leave where the one in force was undone, from which on it
+"""Share of the last picture that a share found now would leave where the one in force was undone, from which on it
 takes its place: five times what a dozen pictures err by in the study. Each change begins the evidence anew; less does
 so for nothing."""
 _LOOKED_AT = 0.4
@@ -58,8 +58,9 @@ _OPPOSED, _KNOWN = 300, 7200
 """Pictures for which that forbids to believe a share, and for which it says that there is none: 10 s and four minutes.
 An operator may have changed the share since. The second is longer than a probe that is held still stays verified."""
 _PARTED = 0.9
-"""Of the negative likeness that undoing gives a picture in which nothing of the last is left, from which on it is taken
-for such a one. Less takes speckle for it that has gone by half a cell (−.24 at .3 in the study), more never does."""
+"""Share of the negative likeness that undoing gives a picture in which nothing of the last is left, from which on it is
+taken for such a one. Less takes speckle for it that has gone by half a cell (−.24 at .3 in the study), more never
+does."""
 _NOTHING = 1e-9
 """Keeps what is equal from dividing by zero."""
 

@@ -66,7 +66,7 @@ _UNKNOWN = np.diag([1e6, 1e6, 10.0])
 _GIVEN_IN = np.array([2, 3, 5, 6, 7, 8])
 """Where in the field tissue that gives way differs from a rigid one."""
 _DRAG = 1
-"""Of the terms, that of the skin's drag."""
+"""Index of the term of the skin's drag."""
 _HELD_PX = 1e-4
 """Standard deviation of a term that is taken for none."""
 

@@ -27,7 +27,7 @@ is halved first: its speckle is several px wide, and a quarter of the work measu
 (tests/appliance/core/registration/test_registration.py, 1440 × 1080).
 """
 _WHOLE = 252
-"""Of 255, in the mean of a mask's pixels: all of them, but for rounding; one of a hundred may be missing."""
+"""Mean of a mask's pixels, of 255, from which all of them count as set; one of a hundred may be missing."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

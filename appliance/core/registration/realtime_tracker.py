@@ -41,7 +41,7 @@ Warp = tuple[Array, float]
 _REST: Warp = (np.zeros(2), 0.0)
 """No way and no turn."""
 START = TissuePath(np.zeros((4, 2)), np.zeros(4), np.zeros(4), 0.0)
-"""Of the first picture of a chain."""
+"""Path at the first picture of a chain."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

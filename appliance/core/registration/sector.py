@@ -16,7 +16,8 @@ _CHANGED_GREY = 12
 """Difference that counts as change. Fewer are reached by the receiver's noise beside the sector, more are not reached
 by dim tissue. Not measured."""
 _MOVING_SHARE = 0.05
-"""Of the picture that must have changed, or nobody moves and nothing is learnt: more than clocks and traces take."""
+"""Share of the picture that must have changed, or the probe rests and nothing is learnt: more than clocks and traces
+take."""
 _ENOUGH = 6
 """Comparisons with motion before the sector is known: a second of it. Fewer leave holes at shadows."""
 _FORGET = 0.97
@@ -25,7 +26,8 @@ the scanner has made smaller for longer; less loses the tissue in a shadow."""
 _OFTEN = 0.1
 """Share of the comparisons in which a pixel of the sector changes; a clock's digit changes in fewer. Not measured."""
 _CLOSE, _OPEN, _GROW = np.ones((9, 9), np.uint8), np.ones((5, 5), np.uint8), np.ones((5, 5), np.uint8)
-"""Of the half-sized picture: they join speckle to one piece, cut strokes of letters off it, and keep its edge."""
+"""Kernels for the half-sized picture: they join speckle to one piece, cut strokes of letters off it, and keep its
+edge."""
 _JUMP_GREY, _JUMP_SHARE = 40, 0.02
 """Change of one picture to the next beside the sector, and how much of that may change so: from there on the scanner
 shows another screen, such as its list of patients, and nothing is known of it. A clock's tick is a tenth of that."""

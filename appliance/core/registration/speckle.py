@@ -14,8 +14,8 @@ _COARSEST_WIDTHS, _FINEST_SIGMAS = 4, 95
 _SMOOTH = 2
 """The level it is averaged on; between its pixels what is smooth is a straight line."""
 _LEAST_SHARE = 0.01
-"""Of the neighbourhood that the mask lets be seen. Only keeps the mean of almost nothing from 0 ÷ 0: no point is taken
-from there, as the mask hides it.
+"""Share of the neighbourhood that the mask leaves visible. It only keeps the mean of almost nothing from 0 ÷ 0: no
+point is taken from there, as the mask hides it.
 """
 
 

@@ -12,8 +12,8 @@ _LEAST_POINTS = 64
 _LEAST_STEP = 3
 """Greys, across plus down, over 2 px. Flatter pixels hold the rounding of greys and the noise of black."""
 _FLAT_SHARE = 0.02
-"""Of the energy of the gradient that may be left out. More takes fewer points, and in speckle leaves the nulls alone;
-less spends points on pixels that say nothing. Not measured.
+"""Share of the energy of the gradient that may be left out. More takes fewer points, and in speckle leaves the nulls
+alone; less spends points on pixels that say nothing. Not measured.
 """
 _SPARE = 1.2
 """How many more points than wanted are looked at, as flat and hidden ones fall out; too few, and every pixel is."""

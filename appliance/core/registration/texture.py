@@ -57,7 +57,7 @@ _SPOT_ACROSS, _SPOT_DOWN, _SPOT_PEAKED, _SPOT_SMOOTH = 0.6, 0.4, 4.0, 2.0
 0.7 … 1, 0.6 … 0.96, 4.5 … 70 and 2.5 … 4 there; letters mostly fail by the last, 1.6 … 3."""
 
 _SPECKLE_SHARE, _SPOT_SHARE = 0.25, 0.55
-"""Of the patches that show anything, how many must be speckle or else spots. Higher, little contact and strong noise
+"""Shares of the patches that show anything which must be speckle or else spots. Higher, little contact and strong noise
 are called no picture; lower, menus in large letters and lone lines on black are called one. Tissue came to 1.05 to 4
 times the share, water to 1.17 and more but for the faintest wall, all else to 0.9 at most; at 160 × 120, where speckle
 and letters are hardly drawn, one menu in forty comes to 1 and one picture of tissue in six does not."""

@@ -10,8 +10,8 @@ _EVERY_NS = 300_000_000_000
 """Between two entries while the calibration is verified. Windows of 30 s apart are independent; a day of eight hours
 makes 96 of the 40,000 entries that the log keeps. Longer sees a change later."""
 _SETTLED_NS = 30_000_000_000
-"""Of the contact closed before an entry: the longest window, which then holds verified motion alone. Longer leaves out
-short examinations."""
+"""How long the contact must be closed before an entry: the longest window, which then holds verified motion alone.
+Longer leaves out short examinations."""
 
 
 class EstimateNotes:

@@ -15,7 +15,7 @@ from appliance.service.host.log import get_log
 from appliance.storage.alarm_chain import Event
 
 SHORTEST_S, LONGEST_S = 1.0, 3600.0
-"""Of the silence that who begins may ask for. Shorter gives up for a busy computer; longer is no guard."""
+"""Bounds of the silence that a client may ask for. Shorter gives up for a busy computer; longer is no guard."""
 
 
 @dataclass(slots=True)

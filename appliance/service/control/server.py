@@ -46,7 +46,7 @@ _BACKLOG = 4096
 there races with the crowd for the next one."""
 
 _ACCEPTING_S, _ANSWERING_S = 0.01, 0.01
-"""Of a tick of 50 ms, at most. Accepting one who says nothing takes 50 µs: 200 a tick, 4000 a second."""
+"""Most of a tick of 50 ms. Accepting a client that says nothing takes 50 µs: 200 a tick, 4000 a second."""
 
 Reply = dict[str, Any]
 

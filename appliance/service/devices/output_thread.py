@@ -15,8 +15,8 @@ _COMMAND_LIFE_S = 0.25
 opens it for a tick that is late (docs/failures.md).
 """
 _BOUNDS_MS = (1.0, 2.0, 5.0, 10.0, 20.0, 30.0, 50.0, 75.0, 100.0, 150.0, 250.0, 500.0, 1000.0)
-"""Of the counts of delays: a relay on a serial port needs some ms, a late tick some ten, and 250 is the life of a
-command.
+"""Bounds of the histogram of delays: a relay on a serial port needs some ms, a late tick some ten, and 250 is the life
+of a command.
 """
 
 

@@ -26,7 +26,7 @@ _FIRST_WAIT_S, _LONGEST_WAIT_S = 0.5, 30.0
 picture; shorter spends the processor on what cannot start.
 """
 _LASTED_S = 60.0
-"""Of a process after which its death is no sign that it cannot run."""
+"""Lifetime of a process after which its death does not mean that it cannot run."""
 _REAP_TIMEOUT_S = 1.0
 """For which the end of the service waits for a killed process."""
 _BACKLOG = 128

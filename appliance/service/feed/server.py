@@ -49,7 +49,8 @@ _IDLE_S = 30.0
 _SWEEP_S = 1.0
 """Between two looks for clients that sleep; how late one is dropped."""
 _PACKETS, _SENT_BYTES = 32, 1 << 20
-"""Of the estimator, and to one client, in one turn: the others wait no longer. Fewer take more turns. Not measured."""
+"""Packets of the estimator, and bytes to one client, in one turn: the others wait no longer. Fewer take more turns. Not
+measured."""
 _PAUSE_S = 0.05
 """Where this process may open no more files and a client waits at the door: else it would look again and again."""
 

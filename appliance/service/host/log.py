@@ -14,7 +14,7 @@ from appliance.service.host.journal import journal_stream
 from drivers.printable import printable_lines, printable_value
 
 _LEVELS = {"debug": 10, "info": 20, "warning": 30, "error": 40}
-"""Of Python's logging, which structlog filters by."""
+"""Levels of Python's logging, which structlog filters by."""
 _LONGEST_QUEUE = 2000
 """Lines that wait for a slow reader of stderr. More takes memory, fewer drop lines of a busy minute. Not measured."""
 

@@ -9,7 +9,7 @@ import os
 import resource
 
 _CLONE_FILES = 0x400
-"""Of unshare(2), <linux/sched.h>."""
+"""Flag of unshare(2), <linux/sched.h>."""
 _FIRST = 3
 """Standard input, output and error are no device."""
 

@@ -8,7 +8,8 @@ from appliance.service.host.delay_histogram import DelayHistogram
 _MOST = 2000
 """100 s of ticks, so that the 99th percentile stands on twenty. More hides in it what the last minute was like."""
 _BOUNDS_MS = (10.0, 20.0, 30.0, 40.0, 50.0, 52.0, 55.0, 60.0, 75.0, 100.0, 150.0, 250.0, 500.0, 1000.0)
-"""Of the counts. The tick is due after 50 ms at the latest and late from 75 on; an output opens by itself after 250.
+"""Bounds of the histogram. The tick is due after 50 ms at the latest and late from 75 on; an output opens by itself
+after 250.
 """
 
 

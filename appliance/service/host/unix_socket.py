@@ -19,7 +19,7 @@ _ACL = "system.posix_acl_access"
 _ACL_VERSION = 2
 _OWNER, _USER, _GROUP, _MASK, _OTHERS = 0x01, 0x02, 0x04, 0x10, 0x20
 _NO_ID = 0xFFFFFFFF
-"""Of entries that name nobody. All of these by <linux/posix_acl_xattr.h> and <linux/posix_acl.h>."""
+"""Id of entries that name no user. All of these by <linux/posix_acl_xattr.h> and <linux/posix_acl.h>."""
 _READ_BYTES = 1 << 14
 """Asked of the kernel at once; a status has some 20 kB. Not measured."""
 _MAY, _MAY_NOT = stat.S_IROTH | stat.S_IWOTH, 0

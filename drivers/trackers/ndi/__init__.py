@@ -11,7 +11,7 @@ from drivers.trackers.staleness import DEADLINE, LATENCY, LOG
 _TOOL = "FILE.rom|@PLUG|FILE.rom@PLUG"
 _BAUDS = ("9600", "14400", "19200", "38400", "57600", "115200", "921600", "1228739")
 _COUNTERS_HZ = (1, 5000)
-"""Of a frame counter: beyond any device's, so that only slips are found by it."""
+"""Rates of a frame counter: beyond any device's, so that only slips are found by it."""
 
 NDI = Driver(
     "ndi",

@@ -18,9 +18,9 @@ _LEAST_TRY_NS = 50_000_000
 reports a loss later (250 ms in all, tests/live/test_tracker_loss.py), less takes a busy host for a silent device."""
 
 _TRY_SHARE, _SPARE_SHARE = 0.4, 0.5
-"""Of the deadline. One request waits for _TRY_SHARE, so that two find room: more leaves no second one, less gives slow
-replies up. Where two replies take more than the rest, a silence of _SPARE_SHARE comes on top of them: 9600 baud with
-four tools (tests/drivers/trackers/ndi/test_tracker.py)."""
+"""Shares of the deadline. One request waits for _TRY_SHARE, so that two find room: more leaves no second one, less
+gives slow replies up. Where two replies take more than the rest, a silence of _SPARE_SHARE comes on top of them: 9600
+baud with four tools (tests/drivers/trackers/ndi/test_tracker.py)."""
 
 _UNSURE_ANSWERS = 3
 """Answers after an unanswered request whose sending time bounds nothing, as the late reply may have come in place of

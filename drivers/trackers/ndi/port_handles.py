@@ -13,8 +13,8 @@ Ask = Callable[[str, str], str]
 
 _ANY_WIRELESS = "*********1****"
 _ROUNDS = 8
-"""Of asking what is to be initialised. A dual tool needs two; a device that never says "none" must come to an end, and
-each round may take 6 s for every tool."""
+"""Rounds of asking what is to be initialised. A dual tool needs two; a device that never says "none" must come to an
+end, and each round may take 6 s for every tool."""
 
 _SROM_ERRORS = (0x13, 0x1E)
 _CONTEXT_ERRORS = (0x01, 0x0C, 0x32)

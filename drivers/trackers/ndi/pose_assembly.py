@@ -19,8 +19,8 @@ from drivers.trackers.witness import WitnessSight
 _FROZEN = "many poses in a row are equal to the last bit"
 
 _REFERENCE_PERIODS = 3
-"""Of the probe's, by which the reference may be older: devices measure up to three kinds of tools in turn. More sets
-poses against a reference that has moved, fewer refuses mixed tools."""
+"""Periods of the probe by which the reference may be older: devices measure up to three kinds of tools in turn. More
+sets poses against a reference that has moved, fewer refuses mixed tools."""
 
 
 @dataclass(frozen=True, slots=True)

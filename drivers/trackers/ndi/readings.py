@@ -41,7 +41,8 @@ seven 243 of TX. Too few lets the first detailed reply on a slow line come too l
 gives a silent device on such a line longer."""
 
 _MOST_LISTED = 256
-"""Of BX2's marker indices, which have 16 bits: more than any tool has, and little memory for one that is damaged."""
+"""Largest of BX2's marker indices, which have 16 bits: more than any tool has, and little memory for one that is
+damaged."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

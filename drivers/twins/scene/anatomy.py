@@ -9,7 +9,8 @@ from drivers.samples import Matrix4
 from drivers.twins.scene.tissue import Floats
 
 RIB_DEPTH_MM, RIB_HALF_WIDTH_MM, RIB_HALF_THICK_MM = 8.0, 2.5, 1.5
-"""Of the surface at rest, across and along the beam: under the skin of a thin person. Not measured."""
+"""Depth and size of a rib at the surface at rest, across and along the beam: under the skin of a thin person. Not
+measured."""
 _RIB_ECHO, _SHADOW, _EDGE_MM, _SURFACE_MM = 12.0, 0.015, 0.5, 0.2
 """Amplitude of bone against plain tissue and what is left in its shadow, which noise hides; how softly the shadow
 begins on either side (the σ of the beam) and how thick the bone's line is (σ)."""

@@ -16,9 +16,10 @@ from drivers.twins.scene.world import World, WorldSettings
 _HISTORY_HZ = 120.0
 """At which the way of the face is followed between pictures: a third of a millimetre at 40 mm/s. More costs time."""
 _HISTORY_S = 30.0
-"""Of the past that a first picture asks for: the hand turns several times in it, after which the skin has forgotten."""
+"""Length of the past that a first picture asks for: the hand turns several times in it, after which the skin has
+forgotten."""
 _LONGEST_S = 7 * 86_400.0
-"""Of breaths that are drawn; after a week they begin again, with a jerk."""
+"""Length of the breaths that are drawn; after a week they begin again, with a jerk."""
 
 
 def scanned(name: str) -> Surroundings:

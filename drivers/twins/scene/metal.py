@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from drivers.samples import Matrix4
 
 PLACE_MM = (70.0, -60.0, 75.0)
-"""Of the metal, from where the probe is when it comes; tracker frame."""
+"""Place of the metal, from where the probe is when it comes; tracker frame."""
 DISPLACED_MM = 6.0
 """At that distance, once it lies there: strong enough to be named by motion (docs/known-anomalies.md, 3)."""
 TIPPED_DEG_PER_MM = 0.4

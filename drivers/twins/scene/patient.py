@@ -22,7 +22,7 @@ _WALL_MM, _SLIDE_MM = 8.0, 2.0
 """How deep the wall of the body is, and over what it goes over into the organ below: a thin person's ribs and liver.
 A sharper change would be finer than what the renderer follows."""
 _WALL_SHARE = 0.25
-"""Of the organ's breath that the wall makes, along another axis. Not measured."""
+"""Share of the organ's breath that the wall makes, along another axis. Not measured."""
 
 
 class Patient:

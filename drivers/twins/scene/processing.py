@@ -9,8 +9,8 @@ from drivers.samples import GreyImage
 from drivers.twins.scene.tissue import Floats
 
 _SMOOTH_PX, _SMOOTH_GREYS, _SMOOTH_SIGMA_PX = 5, 30.0, 1.5
-"""Of the bilateral filter: width, how different in grey a neighbour may be to count in full, and reach. A speckle cell
-stays and its grain goes, as scanners do it by default. Wider ones blur borders as well. Set by eye."""
+"""Parameters of the bilateral filter: width, how different in grey a neighbour may be to count in full, and reach. A
+speckle cell stays and its grain goes, as scanners do it by default. Wider ones blur borders as well. Set by eye."""
 
 
 @dataclass(frozen=True, slots=True)

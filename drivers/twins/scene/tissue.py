@@ -61,7 +61,7 @@ _NODE_MM = 0.5
 .007 mm, an organ that slides by 12 mm under its wall to .15 mm; with .75 mm to .31 mm, with .375 mm to .08 mm. Nearer
 ones cost time."""
 _LAYERS = (16, 5.0)
-"""Of a layered muscle: fasciae in the period of the tissue, one every 3 mm, and how strong they are: three times as
+"""Layers of a muscle: fasciae in the period of the tissue, one every 3 mm, and how strong they are: three times as
 those of other tissue, ten decibels."""
 
 

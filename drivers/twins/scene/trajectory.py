@@ -53,7 +53,8 @@ _PROGRAMS: dict[str, _Waves] = {
 
 PROGRAMS = tuple(sorted(_PROGRAMS))
 USUAL_PROGRAM = "gestured"
-"""Of simulated devices: a cart's contact closes only after the gesture, so that their hand makes it by itself."""
+"""Program of simulated devices: a cart's contact closes only after the gesture, so that their hand makes it by
+itself."""
 
 _GESTURE: _Waves = {
     "tilt_lateral_deg": ((6.0, 3.4),),
@@ -63,7 +64,8 @@ _GESTURE: _Waves = {
 """What "gestured" adds to the sweep now and then, the verification gesture (docs/gesture.md): fan, twist and rock. The
 sweep slides and presses by itself."""
 _GESTURE_FROM_S, _GESTURE_TO_S, _GESTURE_EASE_S = 4.0, 10.0, 1.2
-"""Of each cycle of the sweep: once the service has started, and before the rest. Quicker easing jerks the probe."""
+"""Time within each cycle of the sweep: once the service has started, and before the rest. Quicker easing jerks the
+probe."""
 
 _MOVES_S, _EASES_S, _RESTS_S = 10.0, 1.0, 1.0
 """A clinical sweep rests now and then; checks must stand it. In 26 s the hand is at rest for 1.5 to 4 s

@@ -32,8 +32,8 @@ _TRACKER_ORIGIN_MM = (64.0, -87.0, -1520.0)
 """Tissue → tracker: oblique likewise, and 1.5 m in front of it (negative z), where a Polaris measures."""
 
 _HALF_ANGLE_DEG, _FAN_HALF_ANGLE_DEG = 17.0, 20.0
-"""Of the sector that is drawn, by pixels, and of a convex probe, by mm. Wider ones are cut off by the sides of the
-picture, narrower ones show less tissue."""
+"""Half angle of the sector that is drawn, by pixels, and of a convex probe, by mm. Wider ones are cut off by the sides
+of the picture, narrower ones show less tissue."""
 _APEX = -1.2
 """Height of the sector's apex above the picture, in heights of the picture: a fan of 25 mm radius in 21 mm of depth."""
 
