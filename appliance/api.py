@@ -40,8 +40,8 @@ class Judged:
 
     verdicts: one for each picture that was settled, in order; a picture at the end waits for the pose after it, and has
     none. times_s: (len(verdicts),) for which each holds: that of its picture, or of the one before where its own leaps
-    by more than 2 s. changes: from when on a room would have been told what; their t_s counts from the first picture or
-    pose. report: of the whole session, as `probewatch replay`.
+    by more than 2 s. changes: from when on a room would have been shown what; their t_s counts from the first picture
+    or pose. report: of the whole session, as `probewatch replay`.
     """
 
     times_s: NDArray[np.float64]

@@ -158,7 +158,7 @@ class Kind(Enum):
 
 
 class Fault(StrEnum):
-    """What may be wrong, in the words of the JSON reports and of the alarm log; docs/alarms.md tells what each asks of
+    """What may be wrong, in the words of the JSON reports and of the alarm log; docs/alarms.md says what each asks of
     the people in the room. AGREEMENT is a fact beside the others: its check never fails.
 
     kind: what sort of thing it is.
@@ -263,7 +263,7 @@ POINT_LEVELS = (0.95, 0.997)
 class PointError:
     """How far what the picture shows at a place may be from where the reference puts it in the room, mm.
 
-    Each bound is told twice, for each of `POINT_LEVELS` of what the motion leaves open. worst_mm, median_mm: over
+    Each bound is given twice, for each of `POINT_LEVELS` of what the motion leaves open. worst_mm, median_mm: over
     the region of the picture. depth_mm, at_depth_mm: a depth that somebody named, from the top of the picture, and the
     worst there; None where none was named. shown_ns: time of the oldest motion that the bounds rest on.
     """
@@ -283,7 +283,7 @@ class Verdict:
     verified_ns: the oldest of the times at which motion last showed a required parameter; None where one was never
     shown or has been contradicted since. Only new motion makes it younger, whatever the time of the verdict.
     expires_ns: when the first of them exceeds an age limit of its own, which a rest extends; None where none has one.
-    rivals: what may be wrong where motion so far does not tell which, the likeliest first; never one alone.
+    rivals: what may be wrong where motion so far does not show which, the likeliest first; never one alone.
     point: the error of a point, None where it is not known.
     """
 

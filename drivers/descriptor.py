@@ -16,7 +16,7 @@ from drivers.errors import ConfigurationError
 @dataclass(frozen=True, slots=True)
 class Target:
     """What a URL names after its scheme. looks_like: a regular expression for what people write without a scheme,
-    empty where nothing can be told by it. allow: classes of device nodes that the service's unit must permit. group:
+    empty where it recognises none. allow: classes of device nodes that the service's unit must permit. group:
     whose members may open such a node.
     """
 

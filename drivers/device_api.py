@@ -83,4 +83,6 @@ class AlarmOutput(_Device, Protocol):
         """
 
     def read_back(self) -> bool | None:
-        """Whether the contact is closed, as the hardware reports it; None where it cannot tell. Raises DeviceLost."""
+        """Whether the contact is closed, as the hardware reports it; None where it does not report it. Raises
+        DeviceLost.
+        """

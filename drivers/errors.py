@@ -50,7 +50,7 @@ class DeviceLost(ProbewatchError):  # noqa: N818  a state of the device, as oper
 
 
 class TooBusy(ProbewatchError):  # noqa: N818  a state of the machine, as operators say it
-    """This machine was too busy to tell; the same may succeed on one that is less so."""
+    """This machine was too busy to decide it; the same may succeed on one that is less so."""
 
     exit_code = 75
 

@@ -128,7 +128,7 @@ def checked_url(url: str, kind: str) -> str:
 
 
 def check_options(url: str, kind: str) -> None:
-    """Raises ConfigurationError for a URL that can never work, as far as it tells without opening anything."""
+    """Raises ConfigurationError for a URL that can never work, as far as can be known without opening anything."""
     checked_url(url, kind)
     scheme, target, options = split_url(url)
     importlib.import_module(drivers()[scheme].module).checked(target, options)

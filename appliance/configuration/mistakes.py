@@ -12,9 +12,9 @@ from appliance.configuration.toml_lines import Place, key_lines, line_of
 from drivers.errors import ConfigurationError
 
 _IN_ONE_LINE = 8
-"""Mistakes that a refusal in one line tells; `probewatch check` lists them all."""
+"""Mistakes that a refusal in one line lists; `probewatch check` lists them all."""
 _LONGEST_VALUE = 80
-"""Characters of a wrong value that are told: a line of a terminal. More hides the key and the bound beside it."""
+"""Characters of a wrong value that are quoted: a line of a terminal. More hides the key and the bound beside it."""
 _WORDS = {
     "model_type": "must be a section, written {section}",
     "dict_type": "must be a section, written {section}",

@@ -51,7 +51,7 @@ Less has two solutions in a row share more of their noise; more names flips, lag
 """
 _SOLVE_UNPAIRED_NS = 1_000_000_000
 """Without poses only what leaves the window changes. When a tracker returns, all pictures that wait are settled in one
-step, and a step longer than `Timeouts.estimator_ns` is told as a silent estimator."""
+step, and a step longer than `Timeouts.estimator_ns` is reported as a silent estimator."""
 _WORK_SHARE = 0.17
 """Share of the time from picture to picture that a solution under way may take, by what its pieces cost (`Cost`):
 5.7 ms of 33. More lengthens the longest pictures, less makes solutions ready later. They cost 17 ms on average, 37 at
@@ -65,7 +65,7 @@ _STEADY_CORRELATION = 0.6
 marker; more pauses the search for leaps in quick sweeps. Not measured.
 """
 _SIZE_PERCENT = 0.1
-"""The limit told beside a picture of another size, which fails however little it differs: 1 px of 640 is .16 %."""
+"""The limit reported with a picture of another size, which fails however little it differs: 1 px of 640 is .16 %."""
 _GAP_NS = MOST_APART_NS
 """Without a live picture of tissue and its pose, after which whatever a hand can change counts as changed. Shorter asks
 for new motion whenever a hand passes before the markers; longer leaves time to bend them unseen. It is the longest time

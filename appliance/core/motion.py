@@ -1,4 +1,4 @@
-"""Motion Analyzer: sorts each motion, and tells the Real-time Tracker when to change the keyframe.
+"""Motion Analyzer: sorts each motion, and has the Real-time Tracker change the keyframe.
 
 It looks at the picture, at the tracker, and at their disagreement, so that a wrong calibration cannot hide itself by
 spoiling the sorting: what the tracker alone calls out-of-plane counts for nothing while the picture looks the same.
@@ -22,7 +22,7 @@ only name it; no estimate depends on them.
 _OUT_MM, _ALIKE = 0.25, 0.95
 """RMS way out of the plane, mm, and correlation beyond which a motion is called out-of-plane, which keeps its keyframe
 for longer. Speckle correlates by .95 at 0.2 mm (tests/appliance/core/registration/test_registration.py); sooner,
-tracker noise would tell.
+tracker noise would show.
 """
 _FAST_PX = 40.0
 """Between two pictures. Further steps were not tried: 40 px are registered within .05 px

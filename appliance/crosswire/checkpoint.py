@@ -21,7 +21,7 @@ PASS_MM = 1.0
 class PointCheck:
     """points_mm: (N, 3) where each view puts the point, tracker axes. error_mm: RMS distance from where it is.
 
-    known: whether that was measured by other means; else it is their mean, and error_mm tells how well they agree,
+    known: whether that was measured by other means; else it is their mean, and error_mm says how well they agree,
     corrected for having been taken from themselves. An error that all views share shows only where it is known.
     """
 

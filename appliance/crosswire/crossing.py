@@ -73,7 +73,7 @@ _LATERAL_REACH_MM = 1.0
 """How far beside a stronger echo its reverberation may lie."""
 _WEAKER_GREY = 8
 """By how much reverberation or a bubble is weaker than the crossing, at least: 2 dB. A bubble as bright as a wire
-cannot be told from one. More takes clutter for the other wire.
+cannot be distinguished from one. More takes clutter for the other wire.
 """
 _MOST_SPOTS = 12
 """Looked at in one picture, strongest first: with more than two of equal rank nothing is decided anyway."""
@@ -93,7 +93,7 @@ _KNOWN_SHARE = 0.2
 phase in which their echoes meet, a plane that misses the crossing by a tenth of a millimetre (make crosswire).
 """
 _SPECKLE_DB = 5.57
-"""Standard deviation of fully developed speckle in dB, so that its scatter in greys tells how many greys are 1 dB."""
+"""Standard deviation of fully developed speckle in dB, so that its scatter in greys says how many greys are 1 dB."""
 
 _DRAWN_GREY = 30
 _DRAWN_RANGE_GREY = 16

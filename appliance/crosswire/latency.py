@@ -16,8 +16,8 @@ _BAND = 0.1
 """Share of the width, about the middle, whose columns are averaged: a line aslant by 10° blurs by a few pixels only."""
 _BESIDE = 0.1
 """Share of the width, from the middle of the picture to the middle of the band to the left and to the right in which
-the line must go on. More tells lines from spots better, less takes what a convex face shows of the bottom. Of the real
-tank of PLUS it goes on in 87 % of the pictures with something bright, of PLUS's two N-wire phantoms in 2 and 0 %.
+the line must go on. More separates lines from spots better, less takes what a convex face shows of the bottom. Of the
+real tank of PLUS it goes on in 87 % of the pictures with something bright, of PLUS's two N-wire phantoms in 2 and 0 %.
 """
 _LEAST_SHARE = 0.5
 """Share of the pictures with something bright that moves in which it is a line; half way between these figures."""
@@ -38,7 +38,7 @@ set, show no lag, and the grid of times between them takes memory without end.""
 
 
 class BottomLine:
-    """Takes the frames and poses of the session in any order, then tells the latency."""
+    """Takes the frames and poses of the session in any order, then returns the latency."""
 
     def __init__(self) -> None:
         self._times_ns: list[int] = []

@@ -65,7 +65,7 @@ class Demand:
 class OffsetSolution:
     """t_x, or the part of it that was solved.
 
-    offset_mm: (3,) whole t_x. sigma_mm: (3,), NaN for what was taken as known, infinite where the views cannot tell.
+    offset_mm: (3,) whole t_x. sigma_mm: (3,), NaN for what was taken as known, infinite where the views do not show it.
     localisation_mm: standard deviation of one point per axis, from the cloud that remains.
     cloud_before_mm, cloud_after_mm: RMS distance of the kept points from their mean.
     tilt_sd_deg: spread of the picture's normal per axis, √(Σ|δn|²/2N). tilt_needed_deg: the spread at which as many
@@ -119,7 +119,8 @@ def solve_offset(
 def refuse_slid(crossings_px: Vector, poses: Matrix4, calibration: Calibration) -> None:
     """What solve_zeta takes as known, tested: the same views must not demand another in-plane offset.
 
-    Raises ScanRefused where they do, by more than 4 standard deviations and 1 mm. Says nothing where they cannot tell.
+    Raises ScanRefused where they do, by more than 4 standard deviations and 1 mm. Says nothing where they do not show
+    it.
     """
     solution = _solve(crossings_px, poses, calibration, [0, 1, 2], Demand())
     shift_mm = (solution.offset_mm - calibration.offset_mm)[:2]
@@ -191,7 +192,7 @@ def _solve(
 
 
 def _gain(information: Vector, views: int) -> Vector:
-    """Standard deviation of each component per mm of localisation; infinite where the views cannot tell them apart."""
+    """Standard deviation of each component per mm of localisation; infinite where the views cannot separate them."""
     if np.linalg.eigvalsh(information)[0] < _LEAST_INFORMATION_PER_VIEW * views:
         return np.full(len(information), np.inf)
     return np.asarray(np.sqrt(np.diag(np.linalg.inv(information))))
@@ -212,7 +213,7 @@ def _tilt_sd_deg(normals: Vector) -> float:
 def _least_cloud(points: Vector, directions: Vector, weights: Vector | None = None) -> tuple[Vector, Vector]:
     """x that makes the cloud points + directions x smallest, and ΣδMᵀδM, with M (N, 3, k) the directions.
 
-    For one direction x is −Σ δn·δa / Σ|δn|². Directions that the views cannot tell apart give the smallest x.
+    For one direction x is −Σ δn·δa / Σ|δn|². Directions that the views cannot separate give the smallest x.
     """
     weight = np.ones(len(points)) if weights is None else weights
     share = weight / weight.sum()

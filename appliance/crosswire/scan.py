@@ -30,7 +30,7 @@ grows by half, at 4 mm/s they part. More loses slow passages, less takes bubbles
 (tests/appliance/crosswire/test_scan.py).
 """
 _AROUND_NS = 100_000_000
-"""How far from a passage the poses lie that tell its speed, at most. Further apart they tell the hand's turning back,
+"""How far from a passage the poses lie that give its speed, at most. Further apart they show the hand's turning back,
 nearer the tracker's noise. Not varied.
 """
 _PARTS_MM = 1.0

@@ -5,8 +5,8 @@ a view, linear in c and in the product of X and Λ: that gives a start from noth
 mounted. From there robust nonlinear least squares in the picture's axes finds the eight parameters, the crossing, and
 how late the tracker was: the derivative by that is the crossing's own motion in the picture.
 
-A single point cannot tell a mirrored picture from a marker body turned by 180°: both put every point of the picture's
-plane in the same place. The polarity is therefore what the caller says.
+A single point cannot distinguish a mirrored picture from a marker body turned by 180°: both put every point of the
+picture's plane in the same place. The polarity is therefore what the caller says.
 """
 
 from collections.abc import Sequence

@@ -32,7 +32,7 @@ _MEMORY_TYPES = {"number": int, "digest": str, "first": int, "damage": list}
 
 
 class Event(StrEnum):
-    """What an entry tells; all that this version writes, of which earlier ones know fewer."""
+    """What an entry holds; all that this version writes, of which earlier ones know fewer."""
 
     CHAIN_BEGUN = "chain begun"
     STARTED = "started"

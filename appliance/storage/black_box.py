@@ -22,7 +22,7 @@ CHUNK_NS = 1_000_000_000
 Longer takes more with it; shorter compresses worse."""
 
 _MOST_NAMED = 3
-"""Damages told one by one in a sentence; the rest is counted."""
+"""Damages listed one by one in a sentence; the rest is counted."""
 
 
 def _object(title: str, **properties: Mapping[str, Any]) -> dict[str, Any]:
@@ -215,8 +215,8 @@ class BlackBox:
                 yield entry.topic, t_ns
 
     def items(self) -> Iterator[Told]:
-        """In the order in which they were written; what cannot be understood is left out, told as damage, and there is
-        a Gap in its place.
+        """In the order in which they were written; what cannot be understood is left out, reported as damage, and there
+        is a Gap in its place.
         """
         known = 0
         for entry in self._mcap.entries():

@@ -1,7 +1,7 @@
 """What a PLUS device set says of the devices beside its calibration: which part of the picture, and how late each is.
 
 The calibration is read by `calibration_file`. What is here is for a person: PLUS does these things itself to what it
-sends over OpenIGTLink, and a cart that reads the devices by its own drivers has to be told.
+sends over OpenIGTLink, and a cart that reads the devices by its own drivers needs them stated.
 """
 
 from collections.abc import Iterator

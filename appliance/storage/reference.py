@@ -68,7 +68,7 @@ def size_for(content: bytes, place: CalibrationPlace, seen_px: Size | None) -> S
 
 
 def in_force(config: Config, seen_px: Size | None = None) -> Candidate:
-    """The reference that the service of this configuration goes on with, as its disk tells. seen_px: size of the
+    """The reference that the service of this configuration goes on with, as on its disk. seen_px: size of the
     pictures, where they are at hand. Raises ConfigurationError.
     """
     history = read_history(config.alarm.folder)

@@ -1,6 +1,6 @@
 """The history of reference calibrations as it lies on the disk, and which of them is in force: the last.
 
-A folder `references` beside the alarm log holds `history.json`, which tells of each reference where it came from, and
+A folder `references` beside the alarm log holds `history.json`, which says of each reference where it came from, and
 the content of each under its SHA-256. The content is on the disk before the history that names it, and the history is
 replaced whole, so a power cut leaves the one before or the one after. What does not match its checksum, or is missing,
 is refused by name; nothing else is ever taken in its place.

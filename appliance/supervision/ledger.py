@@ -87,7 +87,7 @@ class Ledger:
             condition.show(self.now_ns, fault, self._explained(fault))
 
     def _explained(self, fault: Fault) -> str:
-        """What a silent device is told as, also while this computer is short of time."""
+        """What a silent device is reported as, also while this computer is short of time."""
         text = HAZARDS[fault].text
         return (
             f"{text}; {HAZARDS[Fault.OVERLOADED].text}"
@@ -143,8 +143,8 @@ class Ledger:
             self.unrecovered.lift(self.now_ns)
 
     def acknowledge(self) -> None:
-        """A person has seen the latched state, and what is told of it; a fault that comes again, or takes the place of
-        all that was told, is not acknowledged.
+        """A person has seen the latched state, and what is reported of it; a fault that comes again, or takes the place
+        of all that was reported, is not acknowledged.
         """
         self.acknowledged = True
         self._acknowledged |= self._told | {self.latched_fault}
@@ -174,7 +174,7 @@ class Ledger:
         return None if shown.fault is Fault.UNDECIDED else shown
 
     def rename(self, fault: Fault | None) -> None:
-        """The latched state is told as this fault from now on: one that nobody has acknowledged is another alarm."""
+        """The latched state is reported as this fault from now on: one that was not acknowledged is another alarm."""
         self.latched_fault = fault
         self.acknowledged = self.acknowledged and fault in self._acknowledged
 
@@ -253,7 +253,8 @@ class Ledger:
 
     @property
     def told_sight(self) -> Fault | None:
-        """What is out of sight, or was within probation, so that a flicker is told as one episode. Decides nothing."""
+        """What is out of sight, or was within probation, so that a flicker is reported as one episode. Decides nothing.
+        """
         gone = self._unseen.gone(self.now_ns, self.durations.probation_ns)
         return None if gone else self._unseen.fault
 

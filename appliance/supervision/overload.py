@@ -34,8 +34,8 @@ _PROBATION_NS = 5_000_000_000
 @dataclass(frozen=True, slots=True)
 class Load:
     """What is known of the last tick. pressure: share of the time since the one before in which some program waited for
-    the processor or for memory, NaN where the kernel does not tell. waiting: pictures that the estimator has not taken
-    although it works.
+    the processor or for memory, NaN where the kernel does not report it. waiting: pictures that the estimator has not
+    taken although it works.
     """
 
     pressure: float = nan
@@ -81,7 +81,7 @@ class Overload:
 
     @property
     def pressure(self) -> float:
-        """Mean of the last second, 0 … 1; NaN where the kernel does not tell."""
+        """Mean of the last second, 0 … 1; NaN where the kernel does not report it."""
         return self._pressure.value if self._told else nan
 
     @property
@@ -98,7 +98,7 @@ class Overload:
         self._pressure.add(load.pressure if self._told else 0.0, step_s)
 
     def _strain(self) -> float:
-        """Worst quantity ÷ its limit. Without the kernel's word the tick has to tell alone."""
+        """Worst quantity ÷ its limit. Without the kernel's figures only the tick counts."""
         pressed = not self._told or self._pressure.value >= _PRESSED
         late = self._late.value / _LATE if pressed else 0.0
         return max(late, self._behind.value / _BEHIND)

@@ -55,7 +55,7 @@ class Step:
         return sum(int(getattr(durations, f"{name}_ns")) for name in self.after)
 
     def led_by(self, check: str) -> bool:
-        """Whether that check of the hazard leads there; "" where it is not known which one tells it."""
+        """Whether that check of the hazard leads there; "" where it is not known which one reports it."""
         return not self.by or check in self.by
 
 
@@ -93,8 +93,8 @@ def _device(tested: bool = False) -> Policy:
 GROSS = _calibration("gross_halt_after")
 """Misleads about the side at once. Mended where it was set wrong, at the scanner or the tracker."""
 PLAIN = _calibration("halt_after")
-"""Motion recovers it, or tells the value to set. Or it is not known yet what is wrong: the motion that tells is asked
-for, and what it then names has a row of its own.
+"""Motion recovers it, or shows the value to set. Or it is not known yet what is wrong: the motion that shows it is
+asked for, and what it then names has a row of its own.
 """
 SCALE = _unrecovered()
 OFFSET = _unrecovered("offset-elevational", "marker-elevational")

@@ -1,15 +1,15 @@
 """From verdicts and device checks to the state of the room. Pure: no clock, no device; time is an argument.
 
-Decisions that the table alone does not tell:
+Decisions that the table alone does not show:
 - A calibration fault once shown stands until the line says OK; NOT_VERIFIED neither lifts it nor lets it escalate.
 - A frozen picture is of the device kind: the contact opens at once, and monitoring resumes by itself after the
   picture moves again and the calibration has been verified again; nothing about the calibration is to be done. So is a
   tracker's field that looks bent.
 - HALT is what a calibration fault ends in. A recalibration is requested for what motion does not recover, whether that
   was wrong from the start or joined what motion recovers, and is then named.
-- A latched state is told as the fault that led to it until the line has shown another one in its place for as long as a
-  HALT takes, or anew after an OK: then as that one, which must be acknowledged if nobody was told of it. What was one
-  of two is told at once as what motion shows it to be. A device lost meanwhile replaces neither.
+- A latched state is reported as the fault that led to it until the line has shown another one in its place for as long
+as a HALT takes, or anew after an OK: then as that one, which must be acknowledged if it was never reported. What was
+one of two is reported at once as what motion shows it to be. A device lost meanwhile replaces neither.
 - A latched state is left only when a person has acknowledged it and the line has verified the calibration since, in
   either order, or by a recalibration that was confirmed; a recalibration that was given up comes back to it.
 - Damage to the alarm's memory or log opens the contact until a person has acknowledged it.
@@ -229,8 +229,8 @@ class Supervisor:
         return None
 
     def _name_what_is_shown(self) -> None:
-        """People mend what is named: what was latched is not told as a part that is not at fault any more. What was
-        latched as one of two is what a person was told of, whichever it is.
+        """People mend what is named: what was latched is not reported as a part that is not at fault any more. What was
+        latched as one of two is what a person was shown, whichever it is.
         """
         if self.state not in LATCHED:
             return

@@ -20,7 +20,7 @@ longer: the rest is passed over. Up to the second each gap is ticked through, wh
 
 _MOST_IDLE = 86_400_000_000_000 // TICK_NS
 """Such ticks in a recording beyond short gaps, a day, which takes a minute or two: stamps may leap by years with
-every sample. Fewer tell less exactly when a state changed in long gaps, more take longer for a hostile file."""
+every sample. Fewer show less exactly when a state changed in long gaps, more take longer for a hostile file."""
 
 NEAREST_MM = 5.0
 """To which a marker body may come to the origin of the tracker, or of another body, in the whole of a recording: both

@@ -7,7 +7,8 @@ not contain was not there yet when its request was sent. The constant part of th
 subtract what is known of it, the transfer time of the reply, from `arrival_ns`.
 
 Where readings come later from some moment on, the device's clock has stood still, or they take longer: without requests
-nobody can tell. The line starts again along the later readings, and the bound reaches back to where it was before.
+it is not known which. The line starts again along the later readings, and the bound reaches back to where it was
+before.
 """
 
 import math
@@ -93,7 +94,7 @@ time). It must exceed the delay of a first reading (70 ms there); more only make
 later than usual by more than this is doubted itself: its bound reaches to its arrival."""
 
 _RANK = 12
-"""Which of the lowest readings tells how late the lowest may be. Few say little (4: bound 3.4 ms), many reach into
+"""Which of the lowest readings shows how late the lowest may be. Few say little (4: bound 3.4 ms), many reach into
 readings that are late for reasons of their own (30: 3.2 ms)."""
 
 _TILT = 2.0
@@ -206,7 +207,7 @@ class DeviceClock:
         self._begin(device_ns, arrival_ns)
 
     def _remember(self, device_ns: int, arrival_ns: int) -> None:
-        """Which line may still be true. A reading that comes later does not tell why; time that runs back, or further
+        """Which line may still be true. A reading that comes later does not show why; time that runs back, or further
         ahead than the lateness there was, is a step of the clock, which leaves that lateness in doubt.
         """
         late_ns = self._later_than_usual_ns(device_ns, arrival_ns)

@@ -1,8 +1,8 @@
-"""The step in which a clock tells its time, where it does so in steps: Windows moves its own every 15.6 ms or 1 ms.
+"""The step in which a clock reports its time, where it does so in steps: Windows moves its own every 15.6 ms or 1 ms.
 
-A time told in steps is up to one of them too early. Where all differences of times are multiples of one step, none
+A time reported in steps is up to one of them too early. Where all differences of times are multiples of one step, none
 included, and not all the same, that step may be the clock's; it may also be the period of a device that left some
-measurements out or told them twice, so that who asks must not take it for more than a bound.
+measurements out or reported them twice, so that who asks must not take it for more than a bound.
 """
 
 from collections import deque
@@ -10,13 +10,13 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 _DIFFERENCES = 60
-"""Newest differences that tell the step: a second at 60 Hz. Fewer find one by chance, more take longer to find it."""
+"""Newest differences that show the step: a second at 60 Hz. Fewer find one by chance, more take longer to find it."""
 
 _FEWEST = 8
-"""Differences from which a step is told. Fewer find one by chance (two differences always have one)."""
+"""Differences from which a step is known. Fewer find one by chance (two differences always have one)."""
 
 _LEAST_NS = 900_000
-"""Least step that is told: 1 ms, slewed. A shorter one adds less than the other bounds; jitter of times that are told
+"""Least step that is looked for: 1 ms, slewed. A shorter one adds less than the other bounds; jitter of times that come
 exactly looks like steps the sooner, the shorter they may be."""
 
 _OFF = 0.05
@@ -25,7 +25,8 @@ steps by some 1 %. More finds steps in times that have none (one difference by c
 
 
 class Ticks:
-    """tick_ns: the step, 0 where the times come in none. Once told it holds until a difference is no multiple of it."""
+    """tick_ns: the step, 0 where the times come in none. Once known it holds until a difference is no multiple of it.
+    """
 
     def __init__(self) -> None:
         self.tick_ns = 0
@@ -33,7 +34,7 @@ class Ticks:
         self._differences: deque[int] = deque(maxlen=_DIFFERENCES)
 
     def take(self, time_ns: int) -> None:
-        """The next time that was told, ns; also one that was told before."""
+        """The next time that was reported, ns; also one that was reported before."""
         last_ns, self._last_ns = self._last_ns, time_ns
         if last_ns is None or time_ns < last_ns:
             return

@@ -62,7 +62,8 @@ def xml_of(data: bytes) -> ET.Element:
     """The root of an XML document.
 
     Raises ValueError: NotUtf8Error where it names no other encoding, not well-formed, more or deeper elements than a
-    device set has, or a document type. That is told by the parser, so in whatever encoding; with it go all entities.
+    device set has, or a document type. That is reported by the parser, so in whatever encoding; with it go all
+    entities.
     """
     if not _ENCODING.match(data):
         text_of(data)

@@ -1,6 +1,6 @@
 """Files that people name, opened only where they are files: no device is touched, and nobody waits for a writer.
 
-What is refused is an OSError whose strerror says why, so it is told like any other file that cannot be opened.
+What is refused is an OSError whose strerror says why, so it is reported like any other file that cannot be opened.
 """
 
 import errno

@@ -48,7 +48,7 @@ class Entry:
 
 
 class ByteLog:
-    """Writes one log. A disk that fails ends the log, never the tracking; failed tells of it."""
+    """Writes one log. A disk that fails ends the log, never the tracking; failed says so."""
 
     def __init__(self, path: Path, url: str, clock: HostClock, limit_bytes: int = LIMIT_BYTES) -> None:
         """Raises ConfigurationError when the file cannot be written."""

@@ -47,7 +47,7 @@ def video_devices(root: Path = ROOT) -> tuple[Found, ...]:
 
 
 def gpio_chips(root: Path = ROOT) -> tuple[Found, ...]:
-    """GPIO chips with the label that their driver gives them and the number of lines, as far as sysfs tells."""
+    """GPIO chips with the label that their driver gives them and the number of lines, as far as sysfs says."""
     folder, labels = root / "sys/bus/gpio/devices", dict(_gpio_labels(root / "sys/class/gpio"))
     titles = {}
     for name in _names(folder, re.compile(r"gpiochip\d+")):

@@ -46,7 +46,7 @@ def drain(port: serial.Serial) -> None:
 
 
 def _refusal(path: str, error: OSError) -> DeviceLost:
-    """pyserial tells of a lock only in its message, so the kernel's number is asked first."""
+    """pyserial reports a lock only in its message, so the kernel's number is asked first."""
     busy = error.errno in (errno.EBUSY, errno.EAGAIN) or "exclusively lock" in str(error)
     if busy:
         return DeviceLost("the serial port is in use by another program", path, "Close that program, then try again")

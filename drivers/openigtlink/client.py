@@ -93,7 +93,7 @@ class IgtlClient:
     def receive(self, until_ns: int) -> Arrived | None:
         """The next wanted message, None when none was whole by then; what had come until then is always taken in.
 
-        Raises ProtocolError for one that is damaged; DeviceLost when the connection ends, nothing can be told apart in
+        Raises ProtocolError for one that is damaged; DeviceLost when the connection ends, no messages can be found in
         it any more, or no message of any kind was whole for the deadline.
         """
         while (arrived := self._stream.take()) is None:

@@ -45,7 +45,7 @@ class Freshness:
         return max(self._new_ns + self._wait_ns, self._told_ns + self._period_ns)
 
     def take(self, time_ns: int, matrix: Matrix4 | None, now_ns: int) -> bool:
-        """Whether a measurement is new. time_ns: of the sender, 0 where it tells none and every message is new."""
+        """Whether a measurement is new. time_ns: of the sender, 0 where it sends none and every message is new."""
         if time_ns and time_ns == self._time_ns:
             self.repeats = True
             return False

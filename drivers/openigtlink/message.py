@@ -43,7 +43,7 @@ Entry = tuple[str, int, str]
 
 @dataclass(frozen=True, slots=True)
 class Header:
-    """What precedes a body. time: in units of 2⁻³² s since 1970 UTC; 0 where the sender tells none."""
+    """What precedes a body. time: in units of 2⁻³² s since 1970 UTC; 0 where the sender sends none."""
 
     version: int
     kind: str
@@ -60,7 +60,7 @@ class Header:
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """kind: TRANSFORM, IMAGE … device: whom it tells of, at most 20 bytes. content: without extended header and
+    """kind: TRANSFORM, IMAGE … device: whose data it is, at most 20 bytes. content: without extended header and
     metadata. time: see Header. number, metadata: of version 2 and later.
     """
 
@@ -74,7 +74,7 @@ class Message:
 
     @property
     def time_ns(self) -> int:
-        """Nanoseconds since 1970 UTC, by the sender's clock; 0 where it tells none."""
+        """Nanoseconds since 1970 UTC, by the sender's clock; 0 where it sends none."""
         return self.time * 1_000_000_000 >> _FRACTION_BITS
 
     def said(self, key: str) -> str:

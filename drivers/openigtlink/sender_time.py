@@ -1,7 +1,8 @@
 """When a message's measurement was true: the sender's time put on the host's clock.
 
-A time that is told in steps is too early by up to one of them, and so is its stamp. The truth is not after the arrival
-either, so the bound grows by whichever is less: where messages come quickly, a step that is none costs next to nothing.
+A time that is reported in steps is too early by up to one of them, and so is its stamp. The truth is not after the
+arrival either, so the bound grows by whichever is less: where messages come quickly, a step that is none costs next to
+nothing.
 """
 
 from drivers.clock.counter_clock import DeviceClock
@@ -26,7 +27,8 @@ class SenderTime:
 
     @property
     def restarts(self) -> int:
-        """How often the sender's clock jumped, or its messages came later from then on, which nobody can tell apart."""
+        """How often the sender's clock jumped, or its messages came later from then on, which cannot be distinguished.
+        """
         return self._clock.restarts
 
     @property
@@ -42,7 +44,7 @@ class SenderTime:
             self._ticks.take(time_ns)
 
     def stamp(self, time_ns: int, arrival_ns: int) -> Stamp:
-        """time_ns: of the sender, 0 where it tells none. arrival_ns: of the first byte of the message."""
+        """time_ns: of the sender, 0 where it sends none. arrival_ns: of the first byte of the message."""
         if time_ns == 0:
             self.untimed += 1
             found = Stamp(arrival_ns, _UNTIMED_ERR_NS)

@@ -59,7 +59,7 @@ class MessageStream:
         return bool(self._ready)
 
     def require_sound(self) -> None:
-        """Raises ProtocolError once nothing that follows can be told apart."""
+        """Raises ProtocolError once no message that follows can be found."""
         if self._broken is not None and not self._ready:
             raise self._broken
 

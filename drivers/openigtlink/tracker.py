@@ -64,7 +64,7 @@ _BLAMELESS = (UNKNOWN_INSTRUCTION, UNKNOWN_VERSION)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Measured:
-    """time_ns: of the sender, or of the arrival where it tells none."""
+    """time_ns: of the sender, or of the arrival where it sends none."""
 
     reading: TransformReading
     time_ns: int
@@ -328,7 +328,7 @@ def _named(readings: dict[str, TransformReading]) -> dict[str, TransformReading]
 
 
 def _of_transform(message: Message) -> TransformReading:
-    """PLUS tells the status of a transform in the metadata."""
+    """PLUS sends the status of a transform in the metadata."""
     name, status = message.device, message.said("TransformStatus").upper()
     matrix = parse_transform(message.content)
     if status not in ("", *GOOD):

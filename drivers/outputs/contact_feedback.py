@@ -1,4 +1,4 @@
-"""Waits until a contact that is wired back shows what it was told."""
+"""Waits until a contact that is wired back shows what was commanded."""
 
 from collections.abc import Callable
 

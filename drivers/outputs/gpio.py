@@ -61,7 +61,7 @@ def _settings(direction: Direction, low: bool) -> gpiod.LineSettings:
 
 
 class GpioOutput:
-    """line drives; sense, where there is one, tells whether the contact followed."""
+    """line drives; sense, where there is one, reports whether the contact followed."""
 
     def __init__(
         self,

@@ -32,7 +32,7 @@ BAUD = 9600
 STATUS_QUERY = b"\xff"
 START = 0xA0
 COMMAND_BYTES = 4
-"""Protocol of LCUS boards, as the heading of this file tells it."""
+"""Protocol of LCUS boards, as the heading of this file describes it."""
 
 _COMMAND_S = COMMAND_BYTES * BITS_PER_BYTE / BAUD
 """Time on the line, after which a silent board has its command: 4.2 ms."""

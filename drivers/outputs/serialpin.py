@@ -43,7 +43,7 @@ def checked(target: str, options: dict[str, str]) -> tuple[str, str | None, Hear
 
 
 class SerialPinOutput:
-    """pin drives; sense, where there is one, tells whether the contact followed."""
+    """pin drives; sense, where there is one, reports whether the contact followed."""
 
     def __init__(self, path: str, pin: str, sense: str | None, heartbeat: Heartbeat, clock: HostClock) -> None:
         self._pin, self._sense, self._heartbeat, self._clock = pin, sense, heartbeat, clock

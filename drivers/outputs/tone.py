@@ -116,7 +116,7 @@ class ToneOutput:
         self._feed((samples * 32767).astype("<i2").tobytes())
 
     def read_back(self) -> bool | None:
-        """A loudspeaker cannot tell."""
+        """None: a loudspeaker reports nothing."""
         return None
 
     def _block(self, count: int, sounding: bool) -> NDArray[np.float64]:

@@ -224,5 +224,5 @@ def _from_rows(values: list[float]) -> Matrix4:
 def _from_quaternion(values: list[float]) -> Matrix4:
     x_mm, y_mm, z_mm, w, x, y, z = values
     if not _SHORTEST < math.hypot(w, x, y, z) < _LONGEST:
-        return np.full((4, 4), np.nan)  # told as a pose that is none, like every matrix that is no rotation
+        return np.full((4, 4), np.nan)  # reported as a pose that is none, like every matrix that is no rotation
     return pose_matrix((w, x, y, z), (x_mm, y_mm, z_mm))

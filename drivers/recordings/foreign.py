@@ -1,4 +1,5 @@
-"""Recordings of other programs, told by their first bytes: what such a file is, and what makes a sequence of it."""
+"""Recordings of other programs, recognised by their first bytes: what such a file is, and what makes a sequence of
+it."""
 
 from pathlib import Path
 
@@ -33,7 +34,8 @@ _KINDS = (
     (0, b"\x1f\x8b", "a gzip archive", _UNPACK),
     (0, b"7z\xbc\xaf", "a 7z archive", _UNPACK),
 )
-"""(offset, first bytes by the format's own definition, what it is, what to do). One row more tells one more file."""
+"""(offset, first bytes by the format's own definition, what it is, what to do). One row more recognises one more
+file."""
 
 
 def refuse_foreign(head: bytes, path: Path) -> None:

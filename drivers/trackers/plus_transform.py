@@ -1,4 +1,4 @@
-"""A transform as PLUS tells it, in a recording or over the network: a rigid matrix, or why there is none."""
+"""A transform as PLUS writes it, in a recording or over the network: a rigid matrix, or why there is none."""
 
 from dataclasses import dataclass
 

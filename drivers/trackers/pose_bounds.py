@@ -1,4 +1,4 @@
-"""What a pose that a tracker tells may be, before it counts as damage."""
+"""What a pose that a tracker reports may be, before it counts as damage."""
 
 UNIT_TOLERANCE = 1e-3
 """How far the length of a reported quaternion may be from 1. TX rounds to 1e-4, so whole ones are within 1e-4; more

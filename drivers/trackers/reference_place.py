@@ -1,8 +1,8 @@
-"""Where the reference tool rests in the tracker's own frame: another place tells of a blow that relative poses hide.
+"""Where the reference tool rests in the tracker's own frame: another place shows a blow that relative poses hide.
 
 A tracker that was moved, as by a blow against its stand, moves every tool in its frame alike, so poses relative to a
 reference tool stay as they were. The reference tool itself, moved, changes them: then the line names rotation or
-offset. Only the place of the reference tells a person that either has happened, and with the name which of the two.
+offset. Only the place of the reference shows a person that either has happened, and with the name which of the two.
 """
 
 import math
@@ -23,10 +23,10 @@ takes a slow motion for rest, less takes noise for motion."""
 
 _MOVED_MM, _MOVED_RAD = 3.0, math.radians(2.0)
 """Between two places of rest: three times the noise along, and less than a bend or slide that must be named. A tracker
-that turns by a tenth of a degree at 1.7 m moves the reference by 3 mm. More leaves smaller blows untold."""
+that turns by a tenth of a degree at 1.7 m moves the reference by 3 mm. More leaves smaller blows unreported."""
 
 _TOLD_NS = 600_000_000_000
-"""For how long it is said: until whoever was called has looked. Longer tells of what is long over."""
+"""For how long it is said: until the person who was called has looked. Longer reports what is long over."""
 
 
 @dataclass(frozen=True, slots=True)

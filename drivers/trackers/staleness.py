@@ -21,7 +21,7 @@ as the next one comes two periods after the last; each period more lets an old p
 
 SLOWEST_PERIOD_NS = 50e6
 """Period that is assumed until two measurements have shown it: that of the slowest tracker, a Vicra at 20 Hz. A longer
-one tells later that a tracker was stale from the start; a shorter one would call a Vicra stale."""
+one reports later that a tracker was stale from the start; a shorter one would call a Vicra stale."""
 
 FROZEN_READINGS = 12
 """Equal poses in a row, under a running counter, that are a frozen device: 0.2 s at 60 Hz, 0.6 s at 20 Hz. A recorded

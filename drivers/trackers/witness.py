@@ -1,7 +1,7 @@
 """The second marker body on the probe, as `witness=` of a tracker's URL names it: when it counts as seen, and what is
 said of one that is not.
 
-Nothing is concluded from a body that is not seen, so a person must be told that it is not: else nobody knows that what
+Nothing is concluded from a body that is not seen, so a person must see that it is not: else it stays unknown that what
 was asked for does not watch.
 """
 

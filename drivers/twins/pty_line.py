@@ -34,7 +34,7 @@ speeds but the usual ones."""
 class TwinLine(Protocol):
     """The device's end of a line, whatever it is made of.
 
-    source: tells apart who sent what read() returned. monitor: that one came later than another who is still there.
+    source: distinguishes who sent what read() returned. monitor: that one came later than another who is still there.
     """
 
     @property

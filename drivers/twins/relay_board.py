@@ -18,7 +18,7 @@ def _printed(change: Change) -> None:
 
 class RelayBoard:
     """contacts: channel → closed. answers: reports its contacts when asked, as boards with a microcontroller do. tell:
-    is told of every change.
+    is called with every change.
     """
 
     def __init__(

@@ -25,7 +25,7 @@ C = TypeVar("C", bound=Client)
 class TcpServer(Generic[C]):
     """Listens from construction on. address: (host, port), the port chosen if 0 was given; clients: those connected.
 
-    made: a client of an accepted connection. note: is told how many there are, whenever that changes. Raises
+    made: a client of an accepted connection. note: is called with how many there are, whenever that changes. Raises
     ConfigurationError where the port is taken.
     """
 

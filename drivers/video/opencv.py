@@ -1,7 +1,7 @@
 """`opencv:FILE`, `opencv:rtsp://host/stream`, `opencv:0`: whatever OpenCV can read, for what no other scheme serves.
 
 Its options are the rows of OPENCV, in the folder's `__init__.py`. A device or stream is stamped at its arrival less
-delay_ms, as OpenCV tells no times that can be relied on. A file plays at its own rate from the moment it is opened and
+delay_ms, as OpenCV gives no times that can be relied on. A file plays at its own rate from the moment it is opened and
 is lost at its end. The counter counts what was read, so losses before OpenCV do not show: prefer v4l2: where it works.
 In the address of a stream write %3F for a question mark.
 """
@@ -40,7 +40,7 @@ _LEAVE_S = 0.5
 """For the thread to leave its read at the end. More holds up the end of the service, less leaves threads behind."""
 
 _RATES_HZ = (0.1, 1000.0)
-"""Picture rates that a file may tell; others are a damaged header or a film without one."""
+"""Picture rates that a file may state; others are a damaged header or a film without one."""
 
 _CHECK = "Check the address, and that the device sends"
 

@@ -23,7 +23,7 @@ from drivers.video.crop import LEAST_PX
 
 _LAYOUT = struct.Struct("<4sHHQqIII")
 _MAGIC, _VERSION, _BITS = b"PWSV", 1, 8
-"""Header, as the heading of this file tells it."""
+"""Header, as the heading of this file describes it."""
 
 _SIZE_PX = range(LEAST_PX, 4097)
 """Sides that are no damage. The greatest picture, 16 MB, is what a false header can make us wait for."""

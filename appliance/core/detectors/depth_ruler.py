@@ -15,7 +15,7 @@ _NEW_DEPTH_PERCENT = 1.5
 less, and a ruler is right to .1 to .3 %. Less asks more of rulers with few ticks; more misses 3 % of six ticks."""
 _UNITS = (2.0, 2.5, 4.0, 5.0, 10.0)
 """Ratios of tick units (1, 2, 5, 10, 20, 50 mm). A spacing that changes by just one of them may be another unit at the
-same depth, so it withdraws the OK and names nothing: motion, or the zoomed picture, must tell."""
+same depth, so it withdraws the OK and names nothing: motion, or the zoomed picture, must decide."""
 _UNIT_SLACK = 0.005
 """How far beside such a ratio still counts as it, share; the sigmas come on top. More leaves new depths unnamed."""
 _LOOK_EVERY = 15

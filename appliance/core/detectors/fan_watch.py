@@ -22,7 +22,7 @@ REPORTS_FAULTS = (Fault.SCALE,)
 
 _STRETCH_PERCENT, _SHIFT_PX = 0.4, 3.0
 """Change from which the picture is another, whatever the limits tolerate: by less no grabber was set wrong. 1 % and 5
-px are told for certain. Less asks more of pictures whose borders are seen in parts."""
+px are found for certain. Less asks more of pictures whose borders are seen in parts."""
 _LOOKS_NS = 350_000_000
 """Between two looks, .15 ms each. Shorter costs more, longer names a change later."""
 _CONFIRMS_NS, _CONFIRMATIONS = 100_000_000, 3

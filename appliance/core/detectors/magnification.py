@@ -99,7 +99,7 @@ class Magnification:
         self._begin(t_ns, picture)
 
     def crept(self) -> PictureChange | None:
-        """The magnification of the last second, told once; None where it is none but a hand's, or tissue's that
+        """The magnification of the last second, reported once; None where it is none but a hand's, or tissue's that
         slides.
         """
         if sum(look.gained_px for look in self._measured) < _LEAST_GAIN * sum(look.apart_px for look in self._measured):

@@ -9,7 +9,7 @@ names both. After a bump motion verifies again, and forgives the leap; poses rel
 
 Four kinds name nothing, but what was shown before them counts no more: a leap that no picture witnesses; one beyond a
 limit that a hand could have gone while the tracker was away for a moment, and that the pictures do not show; a step as
-far between two readings of a slow or flickering tracker, where nothing tells how the hand went; and a leap to a place
+far between two readings of a slow or flickering tracker, where nothing shows how the hand went; and a leap to a place
 of before from which the path goes on as it went then: poses that suddenly come late do that, and a body that slips does
 not.
 """
@@ -46,7 +46,7 @@ _SMOOTH_NS = 700_000_000
 gap, and what comes after. With more, a gesture read five times a second was doubted twice a minute for nothing; with
 less, so is no leap in a longer gap (paths without pictures, two seeds)."""
 _LEAST_STEPS = 4
-"""Before a leap is looked for: fewer do not tell what the hand does usually, and more are lost after each gap."""
+"""Before a leap is looked for: fewer do not show what the hand does usually, and more are lost after each gap."""
 _STAYS_NS = 100_000_000
 """How long the marker must stay where it leapt to: an outlier of two poses at 20 Hz is over by then."""
 _CERTAIN = 8.0
@@ -59,7 +59,7 @@ _PIECES, _ON_ITS_WAY_NS = 3, 35_000_000
 """Readings, and time, that may lie on the way: a clamp that gives way is through in 50 ms. More takes a quick hand for
 it. One reading may in any case: of a slow tracker two steps in a row were none."""
 _LEAST_AFTER = 3
-"""Readings from the leap on, before it is given up: one on the way, and two that tell where the hand goes then."""
+"""Readings from the leap on, before it is given up: one on the way, and two that show where the hand goes then."""
 _USUAL, _MEMORY_S = 2.5, 1.0
 """How many times the usual difference from a steady course is odd, and for how long differences count as usual. Less
 spends a fit on every reading of a tracker of .25 mm, more hides slips at 20 Hz in a lively hand."""
@@ -223,7 +223,7 @@ class MarkerSlip(BodySlip):
 
     def _stole_away(self, t_ns: Array, path: Array, after: int) -> bool:
         """Whether the body went beyond a limit in the step to that reading or in two, unseen, where too few readings
-        before it tell what the hand did. Unasked, 5 mm out of the plane within a gap of 100 ms stayed verified for
+        before it show what the hand did. Unasked, 5 mm out of the plane within a gap of 100 ms stayed verified for
         24 s, and with a tracker of 4 to 8 Hz for as long as was looked.
         """
         if after > _LEAST_STEPS and self._smooth(t_ns):
@@ -281,7 +281,7 @@ class MarkerSlip(BodySlip):
 
     @staticmethod
     def _smooth(t_ns: Array) -> bool:
-        """Whether the readings are near enough to tell a leap that a hand could have gone."""
+        """Whether the readings are near enough to recognise a leap that a hand could have gone."""
         return bool(t_ns[-1] - t_ns[0] <= _SMOOTH_NS)
 
     def _too_far(self, size: Array, taken_ns: int) -> bool:
@@ -293,7 +293,7 @@ class MarkerSlip(BodySlip):
         )
 
     def _unseen(self, size: Array, before_ns: int, leapt_ns: int, nodes_ns: Array | None = None) -> Array | None:
-        """(6,) what of a leap between two readings the pictures do not show; None where they cannot tell. nodes_ns:
+        """(6,) what of a leap between two readings the pictures do not show; None where they are not enough. nodes_ns:
         (4,) times of the readings from which alone it is known.
         """
         since_ns = before_ns - SHIFT_NS

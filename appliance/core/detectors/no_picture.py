@@ -21,7 +21,7 @@ _LIMIT_NS = 500_000_000
 _MEMORY_NS, _STEADY = 250_000_000, 0.75
 """Tissue is steady while its recent share, weighted by exp(−age ÷ memory), is above this: back 0.35 s after nothing,
 gone after 0.07 s. Every second picture blank is no steady tissue, every seventh or rarer is; what lies between depends
-on the rate. A longer memory tells better, and is slower to take tissue back."""
+on the rate. A longer memory decides better, and is slower to take tissue back."""
 _SHORTEST_NS, _LONGEST_NS = 20_000_000, 250_000_000
 """What one picture may stand for. The longest keeps a pause, which is another detector's, out of the account; the
 shortest goes to pictures without tissue whose stamps do not advance, so that such a stream fails as well."""

@@ -2,7 +2,7 @@
 
 What motion has shown of a calibration holds for a chain of pictures that show the same tissue in the same geometry. A
 picture that the Real-time Tracker follows, and that is as much like the one before as usual, goes on with the chain.
-Any other is held against the last picture of the chain: mirrored, magnified or stretched, it tells what the operator,
+Any other is held against the last picture of the chain: mirrored, magnified or stretched, it shows what the operator,
 or the frame grabber, has changed; where it shows the same tissue, where the tracker says it should be, the chain goes
 on. Until one does, the line sees nothing that it could hold against the reference; soon it has shown nothing any more.
 """
@@ -60,16 +60,16 @@ _LEFT_PX = 1.5
 """px of the small picture by which a turn may move its edge before it is made: parts are looked for 1 px beside."""
 _SWEPT_MM, _SWEPT_MM_PER_S = 0.7, 20.0
 """Way out of the plane from one picture to the next, and its speed, from which pictures go on with the chain though
-nothing in them does. Less lets a change pass that comes at the very picture of a quick sweep and is not told by what is
-left of the speckle; more voids what was shown with each hand that goes elsewhere at once."""
+nothing in them does. Less lets a change pass that comes at the very picture of a quick sweep and is not recognised by
+what is left of the speckle; more voids what was shown with each hand that goes elsewhere at once."""
 _TISSUE_MM, _TISSUE_MM_PER_S = 0.5, 10.0
 """How far beside the place that the poses say tissue may be after a break, and how fast it goes by itself: a breath
 of 12 mm, fifteen a minute, moves it by 9.4 mm/s. More takes a picture that was moved on the screen for tissue that
 moved, less voids what was shown with a blank over a patient who breathes."""
 _EARLIER_NS, _LOOKS_NS = 600_000_000, 150_000_000
 """How old the picture is that is held against the newest one while the hand is still, and between two such looks: what
-dissolves into another, or is wiped, breaks no chain. Older tells slower ones, and tissue has moved on by then; more
-often costs 2 ms each."""
+dissolves into another, or is wiped, breaks no chain. An older one shows slower ones, and tissue has moved on by then;
+more often costs 2 ms each."""
 _STILL_MM, _LOST = 0.5, 0.35
 """Way out of the plane up to which the hand is still, and share of parts alike below which a look becomes a search, of
 40 to 80 ms. Not measured on tissue that moves out of the plane."""
@@ -345,7 +345,7 @@ class PictureChain(Detector):
         no measure of what comes until it is clear that the cover stays. direct: nothing lies between.
         """
         if link is None:
-            # A few wires in water: the registration alone can tell.
+            # A few wires in water: only the registration can decide.
             if own is not None:
                 self._go_on(view, last, own)
             return

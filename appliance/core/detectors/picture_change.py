@@ -35,7 +35,7 @@ chance."""
 _MOST_ZOOM, _COARSE_STEP, _FINE_STEP = 2.2, 0.03, 0.015
 """Most magnification that is tried, up and down, and steps of its logarithm: at first in pictures of half the size,
 where 3 % move the side of what is looked for by half a px, then about the best. Scanners step their depth by a fifth to
-a half, and zoom by 2. More costs time, and what is left in the picture tells less."""
+a half, and zoom by 2. More costs time, and what is left in the picture shows less."""
 _LEAST_ZOOM = 0.02
 """Up to which a magnification is no new setting."""
 _LEAST_GREY = 1.0

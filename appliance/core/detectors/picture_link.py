@@ -18,7 +18,7 @@ from drivers.samples import GreyImage, Matrix4
 
 SMALL_PX = 160
 """Columns in which pictures are compared. More asks for a zoom that is nearer and costs time for each that is tried;
-fewer leave too little speckle to tell a mirrored picture from another.
+fewer leave too little speckle to distinguish a mirrored picture from another.
 """
 _SHADE_PX = 5.0
 """Sigma of what counts as shade, px of the small picture: wider than its speckle. More lets a bright half match any."""
@@ -28,7 +28,7 @@ dim tissue 5 and more."""
 _LEAST_SIDE_PX = 32
 """Side of a small picture, px: less is no picture but a strip, whose parts are a few px."""
 _GRID = (6, 4)
-"""Parts across and down. Fewer smear a change over a whole part, more hold too few grains to tell."""
+"""Parts across and down. Fewer smear a change over a whole part, more hold too few grains to compare."""
 _PART_BESIDE_PX = 1
 """px beside the common shift at which a part may lie: a turn of 1° at the edge of the picture. More finds a part by
 chance, less loses the edges of a picture that the hand has turned."""
@@ -132,7 +132,7 @@ def comparable(picture: Array32) -> bool:
 
 
 def link_between(before: Array32, now: Array32, moved_px: Array, slack_px: Array) -> Link | None:
-    """Small pictures of one size; None where too little is seen in both to tell.
+    """Small pictures of one size; None where too little is seen in both to compare.
 
     moved_px: (2,) how far the tissue should have moved across and down since the earlier one; slack_px: (2,) how far
     beside it may lie.

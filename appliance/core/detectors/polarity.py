@@ -1,7 +1,7 @@
 """Which of the four picture orientations the motion supports.
 
-Motion alone cannot tell a lateral flip from a sensor turned by 180° about image depth; the polarity is the explanation
-that leaves the rotation nearest its reference (docs/method.md, equation 7).
+Motion alone cannot distinguish a lateral flip from a sensor turned by 180° about image depth; the polarity is the
+explanation that leaves the rotation nearest its reference (docs/method.md, equation 7).
 """
 
 from dataclasses import replace
@@ -23,7 +23,8 @@ UNWEIGHED = Check("polarity", Fault.POLARITY, nan, 0.0, "axes", MOST_FLIPPED, Ve
 """Check of a window that does not show the polarity."""
 _WORSE = 40.0
 """By how much, in −2 log likelihood, every other polarity must be worse. Less decides from motion along one axis alone,
-which cannot tell (tests/appliance/core/detectors/test_detectors.py); more decides later. The figure was not measured.
+which decides nothing (tests/appliance/core/detectors/test_detectors.py); more decides later. The figure was not
+measured.
 """
 _LEAST_RESEMBLANCE = 0.7
 """Correlation of picture and tracker under the reference itself, with its best polarity. Lower than what is asked of a

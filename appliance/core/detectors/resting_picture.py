@@ -42,7 +42,7 @@ _KEPT_NS, _MOST_KEPT = 60_000_000, 66
 """Between two pictures that are kept, and how many: 4 s of them. Fewer miss what tissue that leaps shows in between, or
 slow fades; more cost 80 kB and .2 ms each."""
 _BLUR_PX = 1.5
-"""Sigma, px of the small picture: speckle so blurred tells of another place, and not of half a px beside. More leaves
+"""Sigma, px of the small picture: speckle so blurred shows another place, and not of half a px beside. More leaves
 too few grains."""
 _UNLIKE, _MOST_BEYOND = 0.15, 0.025
 """Correlation below which two pictures are different ones, and how far each that lies between them may lie beyond both,
@@ -95,7 +95,7 @@ class RestingPicture:
         self._way: Warp = (np.zeros(2), 0.0)
 
     def step(self, view: View, way: Warp) -> PictureChange | None:
-        """The change since the probe rests; without a name where nothing tells what has become of the picture.
+        """The change since the probe rests; without a name where nothing shows what has become of the picture.
 
         way: of its tissue since the picture before, px of the small one and rad.
         """

@@ -1,7 +1,7 @@
 """Sees tracker and picture drift apart in the plane, within half a second or five, as where a body gives way to a hand.
 
-Tissue that moves looks the same, so that it names nothing: what was shown before counts no more, and new motion tells.
-What is usual is learned, breathing and a late tracker with it. Out of the plane it sees nothing.
+Tissue that moves looks the same, so that it names nothing: what was shown before counts no more, and new motion
+decides. What is usual is learned, breathing and a late tracker with it. Out of the plane it sees nothing.
 """
 
 from collections import deque
@@ -27,7 +27,8 @@ nothing in them. At 5 no session of docs/alarms.md was doubted; no rate was deri
 distribution."""
 
 _LASTING = 3
-"""Pictures in a row: a torn or shifted one is told by the next two, which lie where they were. More takes longer."""
+"""Pictures in a row: a torn or shifted one is recognised by the next two, which lie where they were. More takes
+longer."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -18,15 +18,15 @@ _SIDE_PX, _REACH_PX = 32, 10
 """px of a picture of 160 columns: side of a part, and how far it is looked for. A larger part is itself torn by a
 stretch, a smaller one is alike elsewhere; at the edge a stretch by 12 % moves it by 8 px, and the hand by some more."""
 _INSET_PX = 4
-"""From the edge of the picture to the outer parts, so that they may move outwards: further in they tell less of a
+"""From the edge of the picture to the outer parts, so that they may move outwards: further in they show less of a
 stretch; nearer they are lost sooner, as what goes beyond the edge is found at the edge."""
 _GRID = (5, 4)
 """Parts across and down: four and more in each direction, so that some behind text or shadow leave enough."""
 _LEAST_ALIKE = 0.4
 """Correlation of a part with where it is found: less takes another place for it, more loses parts of quick motion."""
 _ASTRAY_PX, _LEAST_PARTS = 1.5, 9
-"""How far beside the fit a part has been taken for another, and the fewest that tell: less than half of the grid is one
-corner of the picture."""
+"""How far beside the fit a part has been taken for another, and the fewest that decide: less than half of the grid is
+one corner of the picture."""
 _TURNS, _NEAR_PX = 8, 0.3
 """Rounds of reweighting, and distance from the fit within which a part counts fully: what the vertex of a peak is right
 to."""

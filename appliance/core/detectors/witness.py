@@ -58,7 +58,7 @@ _SAME_MM, _SAME_DEG = 0.01, 0.01
 _SPREAD, _MEDIAN = 1.4826, 1.2533
 """Standard deviation of a normal variable in its median deviation, and of its median in that of its mean."""
 _MOST_ALIKE = 0.95
-"""Correlation of a reading with the one before from which a smoother one counts as this: two seconds tell no more."""
+"""Correlation of a reading with the one before from which a smoother one counts as this: two seconds show no more."""
 
 
 class Witness(Detector):

@@ -10,5 +10,5 @@ paper's other methods are in `tests.paper.solvers`.
 
 Beside them: `sums` (running sums with forgetting, so a new motion costs the same however many came before),
 `observability` (singular values in 1°, 1 % and 1 mm), `motions` (what all take and give, and the polarity, which motion
-alone cannot tell).
+alone cannot show).
 """

@@ -71,7 +71,7 @@ UNKNOWN = np.full(3, np.nan)
 
 
 def without_offset(rotation: Array, scale: Array) -> HandEye:
-    """What translations alone can tell."""
+    """What translations alone can show."""
     return HandEye(rotation, scale, UNKNOWN, UNKNOWN)
 
 

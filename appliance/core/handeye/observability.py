@@ -1,4 +1,4 @@
-"""How much a motion tells, in natural units: singular values of the information in 1°, 1 % and 1 mm."""
+"""How much information a motion gives, in natural units: singular values of the information in 1°, 1 % and 1 mm."""
 
 from dataclasses import dataclass
 

@@ -2,7 +2,7 @@
 
 The service fits near its reference. Where X is far from it (a sensor put on at right angles, another probe's file) that
 fit may settle nowhere; the closed forms find it all the same. Only the lever arm is taken from the reference. Steps of
-`_STEP_S` are long against tracker noise; each block of `_BLOCK_S` is left out in turn, which tells the
+`_STEP_S` are long against tracker noise; each block of `_BLOCK_S` is left out in turn, which gives the
 spread (jackknife).
 """
 
@@ -25,9 +25,10 @@ _STEP_S = 0.7
 of keyframes more often. Not varied by itself.
 """
 _BLOCK_S = 1.4
-"""What is left out at once: two steps, so that blocks hardly share motion. Longer leaves fewer to tell the spread."""
+"""What is left out at once: two steps, so that blocks hardly share motion. Longer leaves fewer to estimate the
+spread."""
 _LEAST_BLOCKS, _LEAST_PAIRS = 4, 40
-"""Fewer blocks do not tell a spread. The pairs overlap: 40 at 30 Hz are only two steps of motion."""
+"""Fewer blocks give no spread. The pairs overlap: 40 at 30 Hz are only two steps of motion."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

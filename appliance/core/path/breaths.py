@@ -1,8 +1,9 @@
 """Breathing followed breath by breath: each has its own length, depth and level, and all of them have one shape.
 
 Breaths that differ by a tenth from one another leave little of a press of a similar rate that their spectrum does not
-cover; but what all of them have in common can be told from it (docs/method.md, section 7). How uncertain each length,
-depth and level is goes into the covariance of the path, so nothing is claimed of motion that a breath could explain.
+cover; but what all of them have in common can be distinguished from it (docs/method.md, section 7). How uncertain each
+length, depth and level is goes into the covariance of the path, so nothing is claimed of motion that a breath could
+explain.
 
 Sigma of the axial scale, 30 s in the plane, 4 mm of breathing and a pulse: .45 to .8 %; with a spectrum of breathing
 and pulse instead 3.1 to 3.3, with a rhythm of the pulse alone 1.7 to 2.2; the bound with the tissue known is .24.
@@ -18,7 +19,7 @@ from appliance.core.path.noise import Blocks, Habit
 from drivers.rigid import Array
 
 _LEAST_BREATHS = 2
-"""Whole ones. Fewer do not tell a shape from their own lengths and depths."""
+"""Whole ones. Fewer do not separate a shape from their own lengths and depths."""
 _LEAST_MORE = 1
 """Whole ones, where the shape is known from before. None at all leaves length and level to the scale."""
 _LEAST_DEPTH_MM = 1.0
@@ -32,10 +33,10 @@ _HARMONICS = 2 * np.pi * np.arange(1, 5)[:, None]
 """Harmonics of the shape, rad: breathing in takes about a quarter of a breath."""
 _COEFFICIENTS = 2 * len(_HARMONICS)  # a cosine and a sine of each
 _SHAPE_AGAIN = 0.1
-"""Standard deviation of the shape's coefficients, in usual depths, where breaths before these told it. With .2 and .05,
-sigma of the axial scale after 10 s in the plane was 2.2 and 2.1, 2.3 and 2.0 % (two seeds). Where the patient breathes
-otherwise than before (twice as deep, a sine, quicker), z-scores over 8 to 13 s were 1.5 RMS and less, and 2.0 where it
-had turned upside down (eight seeds each, paths without pictures).
+"""Standard deviation of the shape's coefficients, in usual depths, where it was learned from earlier breaths. With .2
+and .05, sigma of the axial scale after 10 s in the plane was 2.2 and 2.1, 2.3 and 2.0 % (two seeds). Where the patient
+breathes otherwise than before (twice as deep, a sine, quicker), z-scores over 8 to 13 s were 1.5 RMS and less, and 2.0
+where it had turned upside down (eight seeds each, paths without pictures).
 """
 _END_S, _DEPTH, _LEVEL, _SHAPE, _MIDDLE = 0.4, 0.3, 0.3, 0.3, 0.1
 """Standard deviation of what is not known of a breath: where it ends, s; its depth, level and the coefficients of the

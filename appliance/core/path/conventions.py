@@ -10,7 +10,7 @@ from drivers.rigid import Array, angle_from_rotation, inverse, quaternion_from_r
 
 
 class Convention(StrEnum):
-    """How the poses are to be read; the names of all but the first two are told to people."""
+    """How the poses are to be read; the names of all but the first two are shown to people."""
 
     AGREED = "as agreed"
     FLIPPED = "picture flipped"
@@ -22,7 +22,7 @@ class Convention(StrEnum):
 
 
 _SAME_TURN_RAD = np.deg2rad(30.0)
-"""Between a swapped sensor and a flipped picture up to which they are the same: motion tells at most a few degrees of
+"""Between a swapped sensor and a flipped picture up to which they are the same: motion shows at most a few degrees of
 it, and the nearest other swaps are 90° apart. Not measured.
 """
 

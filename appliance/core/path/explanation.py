@@ -47,9 +47,9 @@ _ALIKE, _LEAST_ALIKE = 0.8, 2
 spoils the axial one. By chance the turn comes to .9 with other rows near 0.
 """
 _RECENT_NS = (1_200_000_000, 1_600_000_000, 2_000_000_000)
-"""Latest motion that is asked for a lag which has just begun, the shorter first. A shorter one tells no lag, as the
+"""Latest motion that is asked for a lag which has just begun, the shorter first. A shorter one shows no lag, as the
 poses of a late tracker are yet to come; a longer one holds what was before, and names it later. On paths of the study's
-hand without pictures every lag that was told (80 to 450 ms, -120, -300) was within 9 ms of the truth from 1.4 s after
+hand without pictures every lag that was found (80 to 450 ms, -120, -300) was within 9 ms of the truth from 1.4 s after
 it had begun, and none of healthy motion was wrong by more than 7 ms."""
 _APART_S = 0.15
 """Lags nearer than this to the best belong to its peak: a quarter of the period of a tremor of 2 Hz."""

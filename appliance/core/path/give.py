@@ -26,15 +26,15 @@ the scales. Where tissue followed by .1 and the axial scale was 10 % too small t
 rigid tissue and one that hides twice the limit of a scale. Of a turn narrower than LEAST_TURN_RAD it is not asked:
 ordinary motion in rigid tissue was verified after 8 s instead of 4."""
 _DEEP_MM = 40.0
-"""Depth of a picture from which skin that does not drag is told over tissue that follows a press. What is pressed out
-sideways draws the shear there by 2 %, in pictures of 21 mm by 5 to 11 %, and a scale was named falsely (half space of
-20 mm); the term of the drag takes it up. 45 mm were tried, and nothing between. More is verified later."""
+"""Depth of a picture from which skin that does not drag is recognised over tissue that follows a press. What is pressed
+out sideways draws the shear there by 2 %, in pictures of 21 mm by 5 to 11 %, and a scale was named falsely (half space
+of 20 mm); the term of the drag takes it up. 45 mm were tried, and nothing between. More is verified later."""
 _APART_S = 0.3
-"""Between the middles of the blocks of pictures that tell it: as long as a hand's tremor turns one way."""
+"""Between the middles of the blocks of pictures that show it: as long as a hand's tremor turns one way."""
 _MISALIGNED = 0.35
 """Standard deviation of what the picture turns by for one of the probe about its lateral or axial axis, as
 `Prior.tilt_rad`. More lets noise pass for a share; less takes a wrong rotation, which tilts the axis, for soft tissue:
-with .1, another probe was not told to be one (gesture, two seeds)."""
+with .1, another probe was not recognised (gesture, two seeds)."""
 _LEAST_TURN = 0.1
 """Share of the turn about the elevational axis that there must be about an axis for it to be looked at: of less the
 share is known ten times worse. Not varied."""

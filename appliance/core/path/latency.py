@@ -1,9 +1,9 @@
 """Latency of the tracker against the video, from the two paths alone.
 
-The centre of the picture goes its way w(t) as the tracker tells it; the picture's own path c(t) must be a linear map of
-it. For each candidate lag the best 2 × 3 map is fitted and what it leaves is the cost, so errors of scale and rotation
-of the calibration do not matter. Poses are smoothed over about one frame first: interpolation of noisy poses would
-otherwise favour half a frame (docs/method.md, section 5).
+The centre of the picture goes its way w(t) as the tracker reports it; the picture's own path c(t) must be a linear map
+of it. For each candidate lag the best 2 × 3 map is fitted and what it leaves is the cost, so errors of scale and
+rotation of the calibration do not matter. Poses are smoothed over about one frame first: interpolation of noisy poses
+would otherwise favour half a frame (docs/method.md, section 5).
 """
 
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""A latency that drifts: what short windows told of their middles, carried on to now."""
+"""A latency that drifts: what short windows found at their middles, carried on to now."""
 
 from collections import deque
 from math import hypot, sqrt

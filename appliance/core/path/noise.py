@@ -63,9 +63,9 @@ few steps are independent in a window of 3.5 s. Not measured.
 _LEAST_MOVED_MM = 0.2
 """Standard deviation of those steps along an axis, below which it has not moved and its correlation would be noise."""
 _FASTEST = 3.0
-"""By which a variance may grow or shrink in one round: a part that the motion does not tell would run away."""
+"""By which a variance may grow or shrink in one round: a part that the motion does not show would run away."""
 _TINY = 1e-12
-"""Instead of zero where it divides: less than any motion tells of a variance."""
+"""Instead of zero where it divides: less than any motion shows of a variance."""
 _OFFSET_MM, _OFFSET_RAD = 1e3, 10.0
 """Standard deviation of a chain's unknown offset: as good as unknown, and small enough for double precision."""
 POSITION_FLOORS, ANGLE_FLOORS = (
@@ -74,7 +74,7 @@ POSITION_FLOORS, ANGLE_FLOORS = (
 )
 """Least noise that is believed, of each part (mm, mm/√s, mm/√mm, rad, mm; rad for the turn): well below any tracker's,
 so that a window which happens to fit does not count as certain, and equal poses do not divide by zero. More would be
-told as sigma of a tracker that is better. Not measured.
+reported as sigma of a tracker that is better. Not measured.
 """
 
 

@@ -1,10 +1,10 @@
 """Residual of the two paths: measured minus predicted, in the axes of each chain's first picture.
 
-Tissue follows the face that presses it, by a share that the motion tells as it tells the calibration, along the normal
+Tissue follows the face that presses it, by a share that the motion shows as it shows the calibration, along the normal
 of the skin (docs/method.md, section 7). The axial scale comes from the turn: the picture's is seen as a shear, which no
 press changes, and measures the ratio of the scales.
 
-The path is linear in columns that the samples alone tell, with coefficients that the parameters alone set. So what
+The path is linear in columns that the samples alone give, with coefficients that the parameters alone set. So what
 costs time in proportion to the pictures is done once for all iterations, and blocks of pictures are averaged before.
 """
 
@@ -34,7 +34,8 @@ _OF_REST = np.zeros((VALUE + 1, 4))
 """Coefficients of the two measured axes, of the rate and of the measured turn, but for their values."""
 _OF_REST[[3, 4, TAU], [0, 1, 2]] = 1.0, 1.0, -1.0
 _MOST_FOLLOWED = 0.97
-"""Share by which tissue is reckoned to follow at most: 1 would leave nothing of a press to tell a mirrored axis by."""
+"""Share by which tissue is reckoned to follow at most: 1 would leave nothing of a press to recognise a mirrored axis
+by."""
 _FOLLOW_SD, _TILT_SD_RAD = 0.5, 0.12
 """Standard deviation of the share and of the tilt before any motion is seen: any share there is, and a hand's rock of
 7°. Less holds tissue to the first estimate, more of a tilt asks for more motion to show the rotation about elevational.
@@ -47,7 +48,7 @@ hides an axis that is mirrored; less holds tissue to a first estimate that breat
 _MOST_TISSUE = np.array([1.2, 0.4, 0.4])
 """Share and tilts, rad, that are fitted at most: all of it, and as far as a probe is rocked, but for noise."""
 _FOLLOW_BLOCKS = 3
-"""Whose steps tell what share is reckoned with at first: a third of a second or more, in which a hand moves and a
+"""Whose steps show what share is reckoned with at first: a third of a second or more, in which a hand moves and a
 breath hardly does."""
 LEAST_TRAVEL_MM = 1.0
 """Way of the probe along an axis, below which nothing is concluded of its scale: skin drags along with the probe, which
@@ -79,7 +80,7 @@ class PathResidual:
     """Residual of the kept pictures of the samples, n, in m blocks.
 
     rigid: whether the tissue does not give way, as the samples show, or as the motion is known to be planar, which is a
-    phantom's; then a press tells the axial scale. follow, tilt: of the tissue, as it is reckoned with, in units of θ.
+    phantom's; then a press shows the axial scale. follow, tilt: of the tissue, as it is reckoned with, in units of θ.
     """
 
     def __init__(self, samples: PathSamples, reference: Calibration, planar: bool) -> None:
@@ -313,7 +314,7 @@ class PathResidual:
         return bool(np.diff(np.quantile(turn_rad, [0.025, 0.975]))[0] >= LEAST_TURN_RAD)
 
     def travel_mm(self, n: int) -> Array:
-        """(2,) way that the probe covered over the last n blocks, but for its widest 5 %, along the axes that tell the
+        """(2,) way that the probe covered over the last n blocks, but for its widest 5 %, along the axes that show the
         lateral and the axial scale: in tissue that gives way the lateral one both.
         """
         way_mm = self.way_mm if self.rigid else self.way_mm[[LATERAL, LATERAL]]

@@ -46,7 +46,7 @@ class PathSamples:
 
     @cached_property
     def kept(self) -> NDArray[np.bool_]:
-        """(n,) in a chain long enough to tell anything. Raises ValueError where too few are."""
+        """(n,) in a chain long enough to show anything. Raises ValueError where too few are."""
         _, index, count = np.unique(self.chain, return_inverse=True, return_counts=True)
         kept = np.asarray(count[index] >= _LEAST_CHAIN)
         if kept.sum() < _LEAST_PICTURES:

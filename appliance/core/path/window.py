@@ -242,7 +242,7 @@ class PathWindow:
         return self.tissue
 
     def take_tissue(self, other: "PathWindow") -> None:
-        """What another window on the same motion has told of it."""
+        """Take over what another window has computed of the same motion."""
         self._changed()
         self._tissue = other._tissue
 

@@ -26,7 +26,7 @@ _AS_IT_WAS = 0.5
 """Share of its limit by which what is wrong may move and is no other change: two to three sigmas of a short window in
 the study's gesture. Less starts again for noise, more takes one that grows still for one that stands."""
 _OBVIOUS_FLIP_NS = 2_000_000_000
-"""Length of the window up to which each picture is looked at for an evident flip, 1 ms: a solution tells it by then."""
+"""Length of the window up to which each picture is looked at for an obvious flip, 1 ms: a solution finds it by then."""
 _REQUIRED_FOR = {
     Fault.POLARITY: ("polarity",),
     Fault.SCALE: ("scale-lateral", "scale-axial"),
@@ -205,7 +205,7 @@ class Evidence:
         return failed if self._failing_ns is None or now_ns - self._failing_ns < CHANGE_WINDOW_NS else frozenset()
 
     def _of_same_breaths(self, finding: Finding, span_ns: int, now_ns: int) -> frozenset[str]:
-        """A scale that only followed breaths tell, until it has failed for half the window's length: solutions in a row
+        """A scale that only followed breaths show, until it has failed for half the window's length: solutions in a row
         are of the same breaths, and err alike.
         """
         told = finding.solution is not None and finding.solution.noise.habits

@@ -20,7 +20,7 @@ from appliance.types import Calibration, Check, Fault, VerdictKind
 from drivers.rigid import Array
 
 _UNKNOWN_LATENCY_S = 0.05
-"""Standard deviation of a latency that the paths alone do not tell. More lets scales hide in it, less lets it hide in
+"""Standard deviation of a latency that the paths alone do not show. More lets scales hide in it, less lets it hide in
 the scales; the limit is .06 s.
 """
 _RELINEARISE_S = 0.008
@@ -28,8 +28,8 @@ _RELINEARISE_S = 0.008
 the velocity lasts; less costs a second solution more often. Not measured.
 """
 _LAGS_S = (-0.2, -0.15, -0.1, -0.05, 0.0, 0.05, 0.1, 0.15, 0.2)
-"""Where a latency is looked for that the paths do not tell: as far apart as `_UNKNOWN_LATENCY_S` reaches. Each costs a
-misfit; a tracker that is later still is named once the paths tell it.
+"""Where a latency is looked for that the paths do not show: as far apart as `_UNKNOWN_LATENCY_S` reaches. Each costs a
+misfit; a tracker that is later still is named once the paths show it.
 """
 _FAR_BETTER = 30.0
 """By how much, in −2 log likelihood, a far latency must beat none: it excuses the calibration. Less excuses scale
@@ -174,7 +174,7 @@ def _solved(
 def _solved_far(
     window: PathWindow, reference: Calibration, limits: Limits, start: Noise | None
 ) -> Steps[tuple[Solution, Latency | None]]:
-    """Where the paths alone tell no latency: from zero, and from where the reference fits best if that is elsewhere."""
+    """Where the paths alone show no latency: from zero, and from where the reference fits best if that is elsewhere."""
     solution, _ = yield from _solved_near(window, reference, 0.0, _UNKNOWN_LATENCY_S, start)
     if window.span_ns < _LEAST_FAR_NS:
         return solution, None
@@ -222,7 +222,7 @@ def _solved_latency(solution: Solution, lag_s: float) -> Latency | None:
 
 
 def _sharper(paths: Latency | None, solved: Latency | None) -> Latency | None:
-    """The joint estimate where the paths alone told nothing, or where it only sharpens what they told."""
+    """The joint estimate where the paths alone showed nothing, or where it only sharpens what they showed."""
     if solved is None or paths is None:
         return paths or solved
     near = abs(solved.value_s - paths.value_s) < paths.sigma_s

@@ -107,7 +107,7 @@ class Examiner:
         self.about_s = found.latency_s if late else 0.0
 
     def _carried_on(self, finding: Finding, recent: PathWindow, now_ns: int) -> Finding:
-        """Take what the short window tells of the latency at its middle, and see where it goes."""
+        """Take what the short window shows of the latency at its middle, and see where it goes."""
         check = latency_of(finding)
         if agreed(finding) and check.shown_ns is not None:
             middle_ns = (recent.start_ns + recent.now_ns) // 2

@@ -41,7 +41,7 @@ _SLOPES = np.diag(np.repeat([0.05, np.deg2rad(0.05)], [4, 3]) ** -2.0)
 (tools/study/metal.py). With .15 and .5°/mm healthy carts were accused, of slopes of .25 and .48/mm."""
 _LEFT_OUT, _OUTLYING = 3, 8.0
 """Blocks at most, and standard deviations from which one is left out of both fits: a field bends every block, and a
-single pose 50 mm away, which without it makes 12 nats, is no evidence. More tells metal later that comes suddenly."""
+single pose 50 mm away, which without it makes 12 nats, is no evidence. More reports metal later that comes suddenly."""
 _WORTH_NATS = 6.0
 """From which it is asked for with every solution and not once in `SELDOM_NS`: the question takes about as long as all
 else of the sequential test. More withdraws the OK later."""
@@ -49,8 +49,8 @@ else of the sequential test. More withdraws the OK later."""
 
 def distortion_nats(rows: Innovations) -> Steps[float | None]:
     """By how much slopes explain the window better than the best calibration alone, wherever it is and whatever its
-    latency creeps to; None of a window that cannot tell, as it is too short, the probe covers too little, or the tissue
-    gives way, which is not the same everywhere (21 nats in a healthy gesture over a half space).
+    latency creeps to; None for a window that decides nothing, as it is too short, the probe covers too little, or the
+    tissue gives way, which is not the same everywhere (21 nats in a healthy gesture over a half space).
     """
     n = len(rows)
     least_mm = max(_LEAST_TRAVEL_MM, _BREATHS * rows.breathing_mm)
@@ -95,7 +95,7 @@ def _about(theta: Array, count: int) -> Array:
 
 class FieldDistortion:
     """check: FAULT once named_nats have lasted; from DOUBTED_NATS on NOT_VERIFIED, which withholds the OK; else None.
-    nats: of the latest solution; None where that could not tell. until_ns: newest motion that looked bent.
+    nats: of the latest solution; None where that decided nothing. until_ns: newest motion that looked bent.
 
     Only motion ends it: what was seen or named stands until a window that lies wholly after that motion is not bent.
     """

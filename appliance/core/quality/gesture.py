@@ -1,4 +1,5 @@
-"""The shortest motion that shows what is still missing: a verification gesture, told to whoever holds the probe.
+"""The shortest motion that shows what is still missing: a verification gesture, shown to the person who holds the
+probe.
 
 By the Cramér–Rao bounds of each motion alone (tests/appliance/core/quality/test_gesture.py): 5 s of it at .1 mm of
 tracker noise show the parameters named beside it within their limits, by three sigmas, unless said otherwise.

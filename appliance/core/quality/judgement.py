@@ -65,8 +65,8 @@ def judge(t_ns: int, checks: tuple[Check, ...], status: VerificationStatus, brok
 
 
 def bounded(verdict: Verdict, point: PointError | None, limit_mm: float | None) -> Verdict:
-    """The verdict with the error of a point, which is not told beside a FAULT. limit_mm: that an OK may have, None for
-    any: beyond it, and where the error is not known, nothing is verified. It gives no OK and names no fault.
+    """The verdict with the error of a point, which is not reported with a FAULT. limit_mm: that an OK may have, None
+    for any: beyond it, and where the error is not known, nothing is verified. It gives no OK and names no fault.
     """
     if verdict.kind is VerdictKind.FAULT:
         return verdict

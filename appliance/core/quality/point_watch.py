@@ -16,10 +16,10 @@ from drivers.rigid import Array, inverse, rigid
 from drivers.samples import Matrix4
 
 _OVER_NS = 100_000_000
-"""Over which the speed is taken: with .1 mm of noise it is told to 1.4 mm/s. Longer tells a jerk late and less of it,
+"""Over which the speed is taken: with .1 mm of noise it is known to 1.4 mm/s. Longer shows a jerk late and less of it,
 shorter takes the tracker's noise for speed."""
 _KNOWN_NS = 300_000_000
-"""For which a speed stands without a pose, as long as poses are bridged. Longer tells a moving hand as it was."""
+"""For which a speed stands without a pose, as long as poses are bridged. Longer shows a moving hand as it was."""
 _ELSE, _ELSE_SHOWN = 3.0, 2.0
 """Standard deviations of the difference by which newer motion may differ from what is kept; where it shows everything
 itself, so that it can take its place. More keeps what has changed since; fewer drop by chance, until the next, what

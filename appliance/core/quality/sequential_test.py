@@ -44,7 +44,7 @@ _STARTS = (10, 14, 19, 26, 36, 45, 58, 76, 100)
 of them is found by the shorter one, later by less than that."""
 _AHEAD_NATS = 5.0
 """By how much the class that is named must explain the motion better than any other: odds of 150. Less names the wrong
-one more often, more tells two for longer. Not measured."""
+one more often, more reports two for longer. Not measured."""
 _MOST_SPREAD = 4.0
 """Mean square of what a class leaves, in that of the noise, from which it explains nothing: something else is wrong,
 and it must not be named. A window that holds the leap of a marker body has 3 to 12 (gesture, 6°)."""

@@ -6,7 +6,7 @@ mirrored as it was. Both are held against one picture, the anchor, for all of th
 slow it is. Where the tissue moves under the probe, as a patient breathes, those pictures count that show it where it
 was in the anchor.
 
-A rest tells that nothing has changed from its first picture to its last. So it counts for what was shown as it began,
+A rest shows that nothing has changed from its first picture to its last. So it counts for what was shown as it began,
 and no later one does: whatever was between the two, nobody saw. A late tracker shows nothing of it at rest, and spoils
 nothing: latency counts as watched for as long as the rest lasts.
 """
@@ -45,9 +45,9 @@ slow breath, as it comes back with the next. After that, two and a half of these
 no rest where the tissue lies otherwise for good. 2 s for all began a rest within a second of the hand's in 3 of 16
 breathing sessions, 6 s in 15, chosen on eight of them (`probewatch study`, gesture-hold, seeds 1 to 16)."""
 _BLIND_NS = 1_000_000_000
-"""For how long, before the tracker leaves, no picture was like the anchor: then the picture could not tell a hand that
-went on from a marker body that slipped, and they count as parted. Shorter does so where a hand turns back in a gesture,
-longer lets a slip soon after the hand's rest pass for the hand's
+"""For how long, before the tracker leaves, no picture was like the anchor: then the picture could not distinguish a
+hand that went on from a marker body that slipped, and they count as parted. Shorter does so where a hand turns back in
+a gesture, longer lets a slip soon after the hand's rest pass for the hand's
 (tests/appliance/core/quality/test_stationary_time.py)."""
 _STIRS, _STIRRED_MM, _STIRS_MEAN = 1 / 3, 0.3, 20
 """Share of what the tracker moves by in the plane from comparison to comparison, root of the mean square, that the

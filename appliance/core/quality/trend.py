@@ -17,7 +17,7 @@ _WEIGHT = 0.2
 seen after 24 estimates, of two after 5 (medians; tests/appliance/core/quality/test_trend.py)."""
 _CONTROL_SIGMAS = 3.0
 """Multiple of the mean's own standard deviation. Of 400 steady parameters 86 left them within 400 estimates, which are
-four days (test_trend.py); fewer sigmas tell earlier, more tell falsely less often."""
+four days (test_trend.py); fewer sigmas report earlier, more report falsely less often."""
 _BASELINE = 12
 """Estimates that make the line that the others are compared with: an hour of scanning. Fewer make it vague, more take a
 drift into it that was there from the start."""

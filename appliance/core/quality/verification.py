@@ -23,7 +23,7 @@ by this much with the motion in them; a blunter one says nothing about what the 
 
 @dataclass(frozen=True, slots=True)
 class Contradiction:
-    """A measurement beyond its limit by its own sigmas. until_ns: newest motion in it. named: told as a FAULT."""
+    """A measurement beyond its limit by its own sigmas. until_ns: newest motion in it. named: reported as a FAULT."""
 
     check: Check
     until_ns: int
@@ -111,8 +111,8 @@ class Verification:
         return VerificationStatus(required, min(self._shown_ns[name] for name in required), min(own_ns, default=None))
 
     def contradict(self, checks: Iterable[Check], named: frozenset[str], until_ns: int) -> None:
-        """Take the contradictions among the checks, which are of motion up to until_ns. named: those that are told as
-        FAULT.
+        """Take the contradictions among the checks, which are of motion up to until_ns. named: those that are reported
+        as FAULT.
         """
         for check in checks:
             if self._beyond(check):

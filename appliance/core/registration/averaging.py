@@ -24,9 +24,9 @@ them."""
 _BACK = 3
 """Pictures with which each is compared, for s, s² and s³. Not varied."""
 _FEWEST, _MOST, _WITHIN = 12, 20, 60
-"""Quick pictures by whose median a share is told, at least and at most, and among how many pictures. Fewer tell it
+"""Quick pictures by whose median a share is found, at least and at most, and among how many pictures. Fewer find it
 sooner and worse. Of more, and of a longer time, a change of the share is noticed later, and pictures add up that a
-tracker's noise alone has called quick: with .5 mm and 120 pictures .77 was told for .7 in a sweep. Another share than
+tracker's noise alone has called quick: with .5 mm and 120 pictures .77 was found for .7 in a sweep. Another share than
 the one in force needs as many as there may be."""
 _LEAST_SHARE, _MOST_SHARE = 0.1, 0.9
 """Beyond which nothing is undone. With less than the least, motion is seen late by a tenth of a picture, 4 ms; with
@@ -102,7 +102,7 @@ class FrameAveraging:
         """Take the next picture, (h, w) uint8. Returns it without what is left of those before, and whether the share
         has changed, so that it is another picture than it would have been.
 
-        mask: (h, w) bool, True where tissue may be seen; None while it is not known, when no share is told. quick:
+        mask: (h, w) bool, True where tissue may be seen; None while it is not known, when no share is found. quick:
         whether all that is seen has gone on from where it was in the picture before, by more than its speckle is long.
         """
         since = 1 if self._last is None else max(sequence - self._sequence - self._repeated, 1)
@@ -190,7 +190,7 @@ def _parted(alike: float, left: float) -> bool:
 
 
 def _told(alike: NDArray[np.float64]) -> float | None:
-    """The share that these likenesses tell, (n, 3 and 4), 0 for none; None where they tell nothing."""
+    """The share that these likenesses show, (n, 3 and 4), 0 for none; None where they show nothing."""
     first, second, third, *by_depth = np.median(alike, axis=0)
     if np.median(np.abs(alike[:, 0] - first)) > _SPREAD:
         return None

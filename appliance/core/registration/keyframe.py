@@ -222,7 +222,7 @@ class Keyframe:
         return np.array([column - columns.start, row - rows.start]) * levels.factor * 2.0**levels.coarsest
 
     def _descended(self, levels: Pyramid, fit: Fit, may: int, loose: bool) -> "_Descended":
-        """A few points find the way, then one step with all points; where the speckle has changed, which tells less,
+        """A few points find the way, then one step with all points; where the speckle has changed, which shows less,
         several with more of them.
         """
         assert self._fine is not None

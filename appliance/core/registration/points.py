@@ -98,8 +98,8 @@ class Fit(ctypes.Structure):
         super().__init__(u_x, u_y, alpha, tuple(give), gain, bias, tuple(stiff), (1.0, 1.0, 1.0))
 
     def together(self) -> float:
-        """How much less neighbouring points tell than as many that know nothing of one another, in units of what the
-        residual answers; after a descent that was responding. −1 where it was lost, or nothing can be said."""
+        """How much less information neighbouring points give than as many that know nothing of one another, in units of
+        what the residual answers; after a descent that was responding. −1 where it was lost, or nothing can be said."""
         return float(_together(self))
 
     def copied(self) -> "Fit":
@@ -112,7 +112,7 @@ class Fit(ctypes.Structure):
         Returns the covariance (3, 3) of u_x, u_y px, α rad: H⁻¹ S H⁻ᵀ, the sandwich of an M-estimate (Huber 1967), H
         the curvature with what is expected, S from how much cells of the picture disagree. Neighbouring pixels of
         speckle and what decorrelates with them count once, whatever their number; and a picture in which only a part of
-        the keyframe's contrast is left tells as much less. To it comes what the terms may be by what is expected of
+        the keyframe's contrast is left shows as much less. To it comes what the terms may be by what is expected of
         them. None where it is no number.
         """
         found = (c_double * 9)()

@@ -26,7 +26,7 @@ from drivers.samples import GreyImage
 _MOST_ROWS = 340
 """Larger pictures are halved until they have no more: white noise stays white, noise softened over 1.5 px is nearly."""
 _PATCH_PX = 20
-"""Side of a patch. Smaller ones hold too few grains of speckle to tell its correlation; larger ones mix contact and
+"""Side of a patch. Smaller ones hold too few grains of speckle to measure its correlation; larger ones mix contact and
 shadow. It was chosen with the thresholds below, not varied by itself."""
 _AROUND_PX = (15, 15)
 """The mean over so much is taken off: shades and depth gain go, speckle of up to 5 px stays."""

@@ -1,4 +1,4 @@
-"""What happens to the service, told to the alarm log, which remembers it, and to the journal, which shows it."""
+"""What happens to the service, written to the alarm log, which remembers it, and to the journal, which shows it."""
 
 from typing import Any
 
@@ -35,7 +35,7 @@ class EventLog:
         self._log.info("started", **origin)
 
     def state(self, before: AlarmState | None, alarm: AlarmState) -> None:
-        """State or fault has changed; the journal is told of states alone."""
+        """State or fault has changed; the journal gets states alone."""
         said = {"state": alarm.state.value, "fault": alarm.fault, "reason": alarm.reason, **self._simulated}
         if before is None or before.state is not alarm.state:
             self._log.info("state", **said)

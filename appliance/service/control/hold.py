@@ -1,9 +1,9 @@
 """Who recalibrates: one at a time, and only while the connection of who began lives.
 
 A second one who began would end the first one's scan, or take a cart over that has just been verified; so he is
-refused, and told who holds it. A page that was killed, or that hangs, cannot end what it began, and nobody would know
-why the cart does not monitor: once its connection is gone, or silent too long, the recalibration is given up. Giving up
-closes nothing: the reference before is in force, and has to be verified again by motion.
+refused, with the name of who holds it. A page that was killed, or that hangs, cannot end what it began, and nobody
+would know why the cart does not monitor: once its connection is gone, or silent too long, the recalibration is given
+up. Giving up closes nothing: the reference before is in force, and has to be verified again by motion.
 """
 
 from collections.abc import Callable
@@ -125,7 +125,8 @@ class Hold:
         self._abort()
 
     def fields(self, peer: Peer, now_ns: int, recalibrating: bool, monitoring: bool) -> dict[str, Any] | None:
-        """As docs/control.md tells them to this peer; what was given up is told until the cart monitors again."""
+        """As docs/control.md describes them for this peer; what was given up is reported until the cart monitors again.
+        """
         begun = self._begun
         if begun is None or monitoring or not (recalibrating or begun.ended):
             return None
@@ -140,7 +141,7 @@ class Hold:
 
 
 def _same(one: Peer, other: Peer) -> bool:
-    """The same connection, or another one of the same process, as far as the kernel tells which that is."""
+    """The same connection, or another one of the same process, as far as the kernel says which that is."""
     return one.link == other.link or (0 != one.pid == other.pid and one.uid == other.uid)
 
 

@@ -44,7 +44,7 @@ class Wanted:
 
 
 class Recalibration:
-    """Carries out what the supervisor grants. took: is told of every reference that comes in force."""
+    """Carries out what the supervisor grants. took: is called with every reference that comes in force."""
 
     def __init__(
         self,
@@ -103,7 +103,7 @@ class Recalibration:
         self._take_up()
 
     def _take_up(self) -> None:
-        """The first reference, once the disk has told it."""
+        """The first reference, once it was read from the disk."""
         current = self._references.current
         if current is not None and self._estimator.reference is None:
             self._before = current

@@ -267,7 +267,7 @@ class References(threading.Thread):
             self._write()
 
     def _complete(self) -> None:
-        """The first picture tells the size that the first device set does not."""
+        """The first picture gives the size that the first device set does not."""
         content = self._unsized
         if content is None or self._seen_px is None:
             return

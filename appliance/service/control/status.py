@@ -1,4 +1,5 @@
-"""The status that the control socket gives: plain numbers and words, NaN as null. docs/control.md tells every field."""
+"""The status that the control socket gives: plain numbers and words, NaN as null. docs/control.md describes every
+field."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -73,7 +74,7 @@ def reference_fields(reference: Reference) -> dict[str, Any]:
 
 
 def _matrix_of(reference: Reference) -> dict[str, Any]:
-    """What the calibration is to PLUS, and the signs that its matrix does not tell."""
+    """What the calibration is to PLUS, and the signs that its matrix does not show."""
     calibration = reference.calibration
     return {"image_to_probe": image_to_probe(calibration).tolist(), "polarity": list(calibration.polarity)}
 
@@ -87,8 +88,9 @@ def alarm_fields(
     shown_now: Mapping[str, Shown] = NONE,
     next_step: str = "",
 ) -> dict[str, Any]:
-    """What the room is told, in its language. simulated: URLs of the sources that are no real device. wanted: motion
-    that is still asked for. shown_now: of `shown_of_each`. next_step: of the reference, before which no motion helps.
+    """What is shown in the room, in its language. simulated: URLs of the sources that are no real device. wanted:
+    motion that is still asked for. shown_now: of `shown_of_each`. next_step: of the reference, before which no motion
+    helps.
     """
     text, remedy = operator_text(alarm.state, alarm.fault, language, Fault.OVERLOADED in alarm.notices)
     text += _carried_by(alarm, shown_now, language)

@@ -21,8 +21,8 @@ class Supervision:
     """now_ns: time of the tick, before the first that of the start, started_ns.
 
     verdict: of the line, None while the estimator does not speak. heard_ns: last word of the present estimator process.
-    devices: checks of the device watchers. alarm: the state in force, None before the first step. follow: is told of
-    every step. alarms: how often each hazard has come to cause the state, or to be a notice beside it.
+    devices: checks of the device watchers. alarm: the state in force, None before the first step. follow: is called
+    with every step. alarms: how often each hazard has come to cause the state, or to be a notice beside it.
     """
 
     def __init__(

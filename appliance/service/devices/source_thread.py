@@ -23,7 +23,7 @@ device that is about to go on; longer is part of the time to recover.
 _LOOK_NS = 200_000_000
 _LOOKS = 5
 """The marker body is looked at so often, and the median of so many looks counts: one second, in which two bad fits are
-outvoted. More tells a bent body later.
+outvoted. More reports a bent body later.
 """
 _LISTEN_NS = 1_000_000_000
 """Between two looks at what a tracker remarks, such as a low battery: for a person to read."""
@@ -147,7 +147,7 @@ class TrackerThread(SourceThread):
         self.replies, self._reason = self.replies.noted(sample.status, now_ns), sample.reason
 
     def tend(self, source: VideoSource | TrackerSource) -> None:
-        """Look at what it says of itself now and then, and tell it of a bump that was checked."""
+        """Read now and then what it says of itself, and report to it a bump that was checked."""
         now_ns = self._clock.now_ns()
         if now_ns < self._look_ns:
             return

@@ -126,7 +126,7 @@ class Ring:
 
     @property
     def pending(self) -> bool:
-        """Whether take() would return something of which fileno() tells no longer."""
+        """Whether take() would return something of which fileno() says no longer."""
         return bool(self._told)
 
     @property

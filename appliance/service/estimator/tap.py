@@ -24,7 +24,7 @@ LONGEST_PACKET = 1 << 17
 """Bytes of one packet; a longer one would be cut. See `link`, whose reports hold as many verdicts."""
 _PAGE = mmap.PAGESIZE
 _WANTED, _EPOCH, _COUNTS = 0, 1, 8
-"""Places in the page: what is wanted, a count of those who began to want it, and what the status tells of them."""
+"""Places in the page: what is wanted, a count of those who began to want it, and what the status reports of them."""
 _COUNTED = struct.Struct("<3Q")  # clients, lost, dropped
 NOTHING, ALL_BUT_PICTURES, PICTURES = 0, 1, 2
 """What is subscribed to."""
@@ -79,7 +79,7 @@ class Subscription:
 
 
 class FeedCounts(NamedTuple):
-    """clients: that listen now. lost: samples that were not told to one who listened, of all clients since the start of
+    """clients: that listen now. lost: samples that were not sent to a client, of all clients since the start of
     the estimator. dropped: clients that were sent away, or did not read.
     """
 
@@ -176,7 +176,7 @@ class Tap:
         self._subscription.close()
 
     def _has_begun(self, step: int) -> bool:
-        """Whether the listener has been told by which settings this line works."""
+        """Whether the feed has got the settings by which this line works."""
         epoch = self._subscription.epoch
         if epoch != self._told_epoch and self._send(Begun(self._settings, step)):
             self._told_epoch = epoch

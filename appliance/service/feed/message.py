@@ -79,7 +79,7 @@ class Judged:
 
 @dataclass(frozen=True, slots=True)
 class Lost:
-    """So many samples, with the verdicts that they gave, were not told to this client at this place."""
+    """So many samples, with the verdicts that they gave, were not sent to this client at this place."""
 
     samples: int
 
@@ -95,7 +95,7 @@ FeedMessage = Hello | LineStarted | Taken | Judged | Lost | Refused
 
 
 def packed(header: Mapping[str, Any], pixels: bytes = b"") -> bytes:
-    """The bytes of a message, without its pixels, of which it only tells the length."""
+    """The bytes of a message, without its pixels, of which it only states the length."""
     text = json.dumps(header, ensure_ascii=False, allow_nan=False, separators=(",", ":")).encode()
     return _LENGTHS.pack(len(text), len(pixels)) + text
 

@@ -1,6 +1,7 @@
 """The hardware process's side of the feed: its socket, and the process that fans out while somebody listens.
 
-Whatever becomes of the feed, the service watches on: what cannot be made or started is logged and told in the status.
+Whatever becomes of the feed, the service watches on: what cannot be made or started is logged and reported in the
+status.
 """
 
 import os
@@ -163,7 +164,7 @@ class FeedHost:
 
 
 class _TapEnds:
-    """Both ends of what the estimator tells, kept here so that either process may be replaced."""
+    """Both ends of the estimator's tap, kept here so that either process may be replaced."""
 
     def __init__(self) -> None:
         """Raises OSError, and then leaves nothing open."""

@@ -1,6 +1,6 @@
 """Fans out what the estimator hands on to the clients of the feed's socket, each at its own pace. Never waits for one.
 
-A client that reads too slowly misses samples, which are counted and told to it; one that does not read at all is
+A client that reads too slowly misses samples, which are counted and reported to it; one that does not read at all is
 dropped. Nothing that a client does reaches the estimator: it only hears whether anybody listens.
 """
 
@@ -59,7 +59,7 @@ _Parts = tuple[bytes, ...]
 
 @dataclass(slots=True, eq=False)
 class _Client:
-    """unsent: what waits, of which the first part is sent up to `sent`. missed: samples to be told as lost."""
+    """unsent: what waits, of which the first part is sent up to `sent`. missed: samples to be reported as lost."""
 
     link: socket.socket
     uid: int
@@ -75,7 +75,7 @@ class _Client:
     watched: int = selectors.EVENT_READ
 
     def put(self, parts: _Parts) -> bool:
-        """All of it, or nothing where too much waits. What was lost before it is told first."""
+        """All of it, or nothing where too much waits. What was lost before it is reported first."""
         size = sum(map(len, parts))
         if self.unsent and self.unsent_bytes + size > MOST_UNSENT:
             return False
@@ -153,7 +153,7 @@ class FeedServer:
         self._stopping = True
 
     def close(self) -> None:
-        """Nobody is told anything any more."""
+        """Stop sending to all clients."""
         for client in tuple(self._clients):
             self._drop(client)
         self._selector.close()

@@ -32,7 +32,7 @@ class Pressure:
         self._files = []
 
     def share(self, real_ns: int) -> float:
-        """Share of the time since the last call, 0 … 1, in which some program waited; NaN where nobody can tell.
+        """Share of the time since the last call, 0 … 1, in which some program waited; NaN where it is not known.
 
         real_ns: CLOCK_MONOTONIC.
         """

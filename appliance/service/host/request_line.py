@@ -30,7 +30,8 @@ def request_fields(line: bytes, version: int) -> dict[str, Any]:
 def unknown_fields(fields: Iterable[str], known: Iterable[str]) -> tuple[str, ...]:
     """Names of a request's fields that mean nothing to it, as the reply may show them; `v` and `do` always do.
 
-    Within a version fields may be added, so that a newer client is answered; what was misspelt is told to the client.
+    Within a version fields may be added, so that a newer client is answered; what was misspelt is reported to the
+    client.
     """
     told = (printable(name)[:_LONGEST_NAME] for name in fields if name not in {"v", "do", *known})
     return tuple(islice(told, _MOST_NAMES))

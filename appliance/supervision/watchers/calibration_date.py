@@ -1,4 +1,4 @@
-"""Whether a date of the calibration in force has passed. It is watched all the same, and everybody is told; with
+"""Whether a date of the calibration in force has passed. It is watched all the same, and shown to everybody; with
 `[calibration] overdue = "expires"` it cannot be verified any more, so that the contact opens.
 """
 

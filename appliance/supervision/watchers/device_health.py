@@ -9,7 +9,7 @@ from drivers.samples import MarkerBody, PoseStatus
 
 @dataclass(frozen=True, slots=True)
 class Replies:
-    """What a tracker's replies have told up to now; times ns, None where there was none.
+    """What a tracker's replies have reported up to now; times ns, None where there was none.
 
     reply_ns: last one in which the probe's tool was not DISABLED, whatever it saw. fresh_ns: last one that was neither
     STALE nor FAULT. pose_ns: last with a pose. status: of the last one.

@@ -1,4 +1,4 @@
-"""How well the tracker measures, by the figures that it tells; NOT_VERIFIED for one that it does not tell."""
+"""How well the tracker measures, by the figures that it reports; NOT_VERIFIED for one that it does not report."""
 
 from math import nan
 

@@ -13,7 +13,7 @@ _SHARE_OF_DEADLINE = 0.5
 the question, less gives slow replies up."""
 
 _UNANSWERED = 3
-"""Such questions in a row without an answer that lose the tracker: what it does not tell may be grave. Fewer lose it
+"""Such questions in a row without an answer that lose the tracker: what it does not report may be grave. Fewer lose it
 for two damaged replies (tests/drivers/trackers/ndi/test_tracker.py), each more leaves an unknown alert half a deadline
 longer.
 """
@@ -57,7 +57,7 @@ class Alerts:
         """Devices that announce new alerts without telling which count as bumped, the gravest meaning.
 
         One question that is not answered is no silence of the device: the next tracking reply decides that. But what it
-        does not tell several times may be grave.
+        does not report several times may be grave.
         """
         try:
             alerts = self._session.parameter(name, self._wait_s)

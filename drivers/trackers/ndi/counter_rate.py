@@ -17,7 +17,7 @@ _AURORAS_HZ = (40.0, 320.0)
 320 Hz is inferred from their pace, that older units count single measurements is not documented."""
 
 _LEARN_NS = 400_000_000
-"""How long the counter is watched: 16 measurements, to tell rates apart that differ eightfold. More delays every
+"""How long the counter is watched: 16 measurements, to distinguish rates that differ eightfold. More delays every
 connection to an Aurora, less leaves little to a late reply."""
 
 _LEARN_STEP_NS = 20_000_000

@@ -14,8 +14,8 @@ _TOO_HOT, _TOO_COLD = 0x20000000, 0x40000000
 
 _LATCHED = BUMPED
 _FORGET_NS = 3_000_000_000
-"""Age at which an alert that Info.Status.Alerts does not list is over: three looks. Less ends one that BX2 alone tells
-between two of its reports; more keeps the contact open that long after the cause has gone. Not measured."""
+"""Age at which an alert that Info.Status.Alerts does not list is over: three looks. Less ends one that BX2 alone
+reports between two of its reports; more keeps the contact open that long after the cause has gone. Not measured."""
 
 _LOOK_AGAIN_NS = 1_000_000_000
 """Between two looks at alerts that stand. Each takes the place of a tracking reply; rarer ones delay the all-clear."""
@@ -78,7 +78,7 @@ class HealthWatch:
         self._look_ns = now_ns + _LOOK_AGAIN_NS
 
     def note(self, snapshot: Snapshot, detailed: bool, now_ns: int) -> None:
-        """What a reply tells by itself."""
+        """What a reply reports by itself."""
         strays = snapshot.strays if detailed else self.health.strays
         if (snapshot.system_status, strays) != (self.health.system_status, self.health.strays):
             self.health = replace(self.health, system_status=snapshot.system_status, strays=strays)
@@ -92,7 +92,8 @@ class HealthWatch:
             self.health = replace(self.health, alerts=self.health.alerts | alerts)
 
     def note_standing(self, alerts: int | None, now_ns: int) -> None:
-        """What Info.Status.Alerts says: what is no longer in it is over, and what BX2 alone tells after three seconds.
+        """What Info.Status.Alerts says: what is no longer in it is over, and what BX2 alone reports after three
+        seconds.
 
         None: the device does not say; then everything stands.
         """

@@ -64,7 +64,7 @@ def _understands(session: Session, exchange: Exchange, what: str, detailed: bool
 def _make_clock(
     session: Session, exchange: Exchange, kind: ReplyKind, options: TrackerOptions, probe: Tool, clock: HostClock
 ) -> tuple[DeviceClock, float]:
-    """(clock, nanoseconds of one tick): BX2 tells nanoseconds, TX and BX a counter."""
+    """(clock, nanoseconds of one tick): BX2 sends nanoseconds, TX and BX a counter."""
     if kind is ReplyKind.BX2:
         return DeviceClock(), 1.0
     counter_hz = options.counter_hz or frame_counter_hz(

@@ -72,7 +72,7 @@ def _requested(given: Given, name: str) -> RequestedTool | None:
 
 
 def _refuse_twice(options: dict[str, str], where: str) -> None:
-    """One tool cannot bear witness for itself, and two wireless ones of one definition cannot be told apart."""
+    """One tool cannot bear witness for itself, and two wireless ones of one definition cannot be distinguished."""
     if "witness" not in options:
         return
     witness = parse_requested_tool(options["witness"], where)

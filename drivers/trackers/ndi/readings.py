@@ -73,13 +73,13 @@ class Reading:
 
     @property
     def usable(self) -> bool:
-        """Whether its pose may be believed as far as this reply alone tells."""
+        """Whether its pose may be believed as far as this reply alone shows."""
         return self.status_reason[0] is PoseStatus.OK and self.transform is not None
 
 
 @dataclass(frozen=True, slots=True)
 class Snapshot:
-    """One reply. tools: by port handle. alerts: mask as of Info.Status.Alerts, as far as BX2 tells.
+    """One reply. tools: by port handle. alerts: mask as of Info.Status.Alerts, as far as BX2 reports it.
 
     strays: number of markers that belong to no tool. ports_changed: a tool or a unit was plugged in or unplugged.
     """
@@ -174,7 +174,7 @@ def _absent(tool: ToolReply) -> Reading:
 
 
 def _markers(markers: Markers, information: ToolInformation | None) -> MarkerReading:
-    """The markers are listed without numbers; the flags tell which ones they are, if they agree on how many."""
+    """The markers are listed without numbers; the flags show which ones they are, if they agree on how many."""
     positions = _points([place for place in markers.positions_mm if place is not None])
     seen = [i for i, flag in enumerate(information.markers) if flag] if information is not None else []
     if len(seen) != len(positions):

@@ -1,4 +1,4 @@
-"""Tool definition files (.rom): the 752 bytes that tell a tracker where a passive tool's markers sit.
+"""Tool definition files (.rom): the 752 bytes that define for a tracker where a passive tool's markers sit.
 
 Layout: `NDI\\0`, u16 sum of all bytes from offset 6 modulo 65536, subtype at 12, main type at 15 (01 reference,
 02 probe), markers as f32 x y z from 0x48, manufacturer at 0x244, part number at 0x250; little-endian.

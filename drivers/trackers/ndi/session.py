@@ -69,7 +69,7 @@ slow one tracking."""
 
 _CONNECT_ATTEMPTS = 3
 """Times that the start sequence is gone through. Where one in five has a damaged reply, as users report of high line
-speeds, three fail once in 125; each may take seconds, and a line that bad is to be told."""
+speeds, three fail once in 125; each may take seconds, and a line that bad is to be reported."""
 
 _MONITOR = "WARNING06"
 _SILENT_REMEDY = "Check that it is switched on and that the cable sits at both ends"

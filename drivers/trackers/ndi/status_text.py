@@ -68,7 +68,7 @@ BUMPED = 0x200000
 """Combined API, Info.Status.Alerts; all single bits below likewise."""
 
 PTP_LOST = 1 << (32 + 14)
-"""The device's clock has lost its master. BX2 alone tells of it and of other bits from 32 on."""
+"""The device's clock has lost its master. BX2 alone reports it and other bits from 32 on."""
 
 _BX2_ALERT = 1 << 32
 """Ours: alert n of BX2 that has no bit in Info.Status.Alerts is bit 32 + n, clear of the device's 32."""

@@ -75,7 +75,9 @@ class ToolInformation:
 
 @dataclass(frozen=True, slots=True)
 class Tool:
-    """One enabled port handle. definition: as loaded from a file. five_dof: cannot tell the turn about its own axis."""
+    """One enabled port handle. definition: as loaded from a file. five_dof: does not measure the turn about its own
+    axis.
+    """
 
     handle: int
     information: ToolInformation | None

@@ -100,7 +100,7 @@ class Rtc3dClient:
     def receive(self, deadline_ns: int) -> Packet | None:
         """The next packet, None when none was whole by the deadline; what had come until then is always taken in.
 
-        Raises DeviceLost when the connection ends or nothing can be told apart in it any more, ProtocolError for one
+        Raises DeviceLost when the connection ends or no packets can be found in it any more, ProtocolError for one
         packet that must be refused.
         """
         while (data := self._whole()) is None:

@@ -56,7 +56,7 @@ _SINGLE_HZ = 60
 and a reply; fewer leave the pose of a picture further away."""
 
 _EVENTS_KEPT = 100
-"""Newest events that the server told, for who asks; nothing is decided by them. More is memory alone."""
+"""Newest events that the server reported, for who asks; nothing is decided by them. More is memory alone."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,7 +181,7 @@ class OptotrakTracker:
         )
 
     def body(self) -> MarkerBody:
-        """See drivers.device_api.Watched: the fit alone, as the stream does not tell the definition of a rigid body."""
+        """See drivers.device_api.Watched: the fit alone, as the stream does not have the definition of a rigid body."""
         if self._bodies is None:
             return MarkerBody()
         numbers = (self._options.body, self._options.reference)

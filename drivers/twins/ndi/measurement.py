@@ -126,7 +126,7 @@ def _second(
 
 
 def _near_metal(pose: Matrix4, pose_at: PoseAt, t_s: float, number: int, since_s: float) -> Matrix4:
-    """Metal that the indicator value does not tell of."""
+    """Metal that the indicator value does not show."""
     before = pose_at(PROBE, since_s, number)
     return pose if before is None else near_metal(pose, before, t_s - since_s)
 

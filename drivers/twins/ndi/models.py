@@ -90,7 +90,7 @@ AURORA = Model(
     fit_mm=0.1,
     electromagnetic=True,
 )
-"""Names, versions and rates as public clients and recordings tell of such devices; serial numbers are made up. A Vega
-counts its own frames, an Aurora V3 in steps of eight with remainder 6."""
+"""Names, versions and rates as public clients and recordings have them of such devices; serial numbers are made up. A
+Vega counts its own frames, an Aurora V3 in steps of eight with remainder 6."""
 
 MODELS = {model.name: model for model in (VICRA, SPECTRA, VEGA, AURORA)}

@@ -13,7 +13,7 @@ MARKERS_MM = ((0.0, 0.0, 0.0), (46.5, 28.3, 0.0), (38.2, -33.9, 0.0), (98.0, -4.
 
 _SECOND = 1.4
 """Size of a second body on a probe, in that of the first: its six distances differ from those of the first by 4.8 mm
-and more, so that a tracker tells the two apart."""
+and more, so that a tracker distinguishes the two."""
 
 
 def make_rom(main_type: int = PROBE, markers: bool = True, second: bool = False) -> bytes:

@@ -80,7 +80,7 @@ class NdiTwin:
 
     @property
     def starting(self) -> bool:
-        """Deaf, because it has been told to start again and has not yet done so."""
+        """Deaf, because it was commanded to start again and has not yet done so."""
         return self._reset_asked.is_set() or self._boot_ns is not None
 
     def reset(self) -> None:

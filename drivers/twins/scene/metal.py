@@ -15,7 +15,7 @@ PLACE_MM = (70.0, -60.0, 75.0)
 DISPLACED_MM = 6.0
 """At that distance, once it lies there: strong enough to be named by motion (docs/known-anomalies.md, 3)."""
 TIPPED_DEG_PER_MM = 0.4
-"""Chosen for 2.4° at 6 mm; the source tells no ratio of turn to push, and none was measured."""
+"""Chosen for 2.4° at 6 mm; the source states no ratio of turn to push, and none was measured."""
 COMES_IN_S, LEAVES_AT_S = 2.0, 30.0
 """Seconds: it is pushed up to the probe, and taken away again as slowly, so that no pose leaps."""
 

@@ -23,7 +23,7 @@ from drivers.rigid import Array
 
 DRAG_DEPTH_MM = 12.0
 """a₂: over which the drag of the skin falls to a third. Half as much leaves it to the upper quarter of a picture, twice
-as much drags what lies 3 cm deep. 10 to 15 mm are told of skin over fat; not measured here."""
+as much drags what lies 3 cm deep. 10 to 15 mm are reported of skin over fat; not measured here."""
 GIVES_WAY = 0.5
 """ν of tissue, which is mostly water: the strain to either side for one along the press. Less lets it be compressed."""
 

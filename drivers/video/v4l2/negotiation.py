@@ -18,7 +18,7 @@ _SIDES_PX = range(LEAST_PX, 8193)
 """What size= may ask for; up to 8K screens. The device refuses what it does not have, this only finds slips."""
 
 _USUAL_HZ = 30.0
-"""Rate of a device that does not tell its own, for the bound of the stamps alone. The bound of a slower one is too
+"""Rate of a device that does not report its own, for the bound of the stamps alone. The bound of a slower one is too
 narrow, that of a faster one too wide; `probe` says that it is assumed."""
 
 _RATE_TOLERANCE = 0.01
@@ -226,7 +226,7 @@ def _offered(node: Node) -> list[str]:
 
 
 def _told_hz(node: Node, rate_hz: float | None) -> tuple[float, bool]:
-    """(rate of the format in force once it was asked for one, whether the driver tells rates at all); NaN where it is
+    """(rate of the format in force once it was asked for one, whether the driver reports rates at all); NaN where it is
     not told.
     """
     parameters = abi.StreamParm(type=abi.BUF_TYPE_VIDEO_CAPTURE)
