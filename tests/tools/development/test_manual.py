@@ -160,7 +160,7 @@ def test_every_hazard_has_a_policy_and_what_the_study_simulates_was_measured() -
     assert {row[0].strip("`") for row in rows_of("Measured")} >= {fault.value for fault in FAULTS.values()}
 
 
-MAKES_OF_OTHERS = {"appliance/core/exact_fields.py", "appliance/supervision/watchers/facts.py"}
+MAKES_OF_OTHERS = {"appliance/core/exact_fields.py", "appliance/supervision/watchers/device_health.py"}
 """They read a check, or make one of a class that they are given."""
 
 

@@ -42,8 +42,8 @@ def host() -> EstimatorHost:
 
 def test_the_next_process_and_other_limits_go_on_with_it_and_another_reference_without(host: EstimatorHost) -> None:
     said(host, 1, RELATIVE_POSE)
-    assert host._order is not None
-    assert np.array_equal(host._order.relative_pose, RELATIVE_POSE)  # what a new process is sent
+    assert host._settings is not None
+    assert np.array_equal(host._settings.relative_pose, RELATIVE_POSE)  # what a new process is sent
     host.limit(Limits(witness_mm=2.0), 500)
     assert np.array_equal(host.relative_pose, RELATIVE_POSE)
     said(host, 1, RELATIVE_POSE + 1)
@@ -56,7 +56,7 @@ def test_the_next_process_and_other_limits_go_on_with_it_and_another_reference_w
     host.close()
 
 
-def test_an_order_keeps_it_bit_for_bit() -> None:
+def test_settings_keep_it_bit_for_bit() -> None:
     settings = EstimatorSettings(3, REFERENCE, Limits(), 500, RELATIVE_POSE)
     assert np.array_equal(settings_of(settings_fields(settings)).relative_pose, RELATIVE_POSE)
     fields = settings_fields(EstimatorSettings(3, REFERENCE, Limits(), 500))
