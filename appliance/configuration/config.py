@@ -337,8 +337,8 @@ def _with_noise(config: Config, file: Path, text: str, path: Path) -> Config:
     except ConfigurationError as error:
         raise refused(error.what) from None
     if learned.limits != judged_by(config.limits):
-        told = ", ".join(f"{name} = {value:g}" for name, value in learned.limits.items())
-        raise refused(f"was learned under other [limits], {told}")
+        learned_limits = ", ".join(f"{name} = {value:g}" for name, value in learned.limits.items())
+        raise refused(f"was learned under other [limits], {learned_limits}")
     if learned.simulated and not config.simulated:
         raise refused("was learned from simulated devices, and those of this cart are real")
     limits = config.limits.model_copy(update={"named_nats": max(learned.named_nats, NAMED_NATS)})

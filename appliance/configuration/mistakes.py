@@ -34,16 +34,16 @@ class Mistakes(ConfigurationError):  # noqa: N818  as people call them
 
     def __init__(self, path: Path, each: Sequence[tuple[int | None, str]], remedy: str) -> None:
         self.path, self.each = path, tuple(each)
-        told = [f"line {line}: {what}" if line else what for line, what in self.each[:_IN_ONE_LINE]]
-        left = len(self.each) - len(told)
-        super().__init__("; ".join([*told, f"and {left} more"] if left else told), str(path), remedy)
+        listed = [f"line {line}: {what}" if line else what for line, what in self.each[:_IN_ONE_LINE]]
+        left = len(self.each) - len(listed)
+        super().__init__("; ".join([*listed, f"and {left} more"] if left else listed), str(path), remedy)
 
     @classmethod
     def found(cls, error: ValidationError, model: type[BaseModel], text: str, path: Path, remedy: str) -> Self:
         """One for each that a person made. model: of the whole file. text: what is in it."""
         lines = key_lines(text)
         items = _without_consequences(error.errors(include_url=False)[:_MOST], model)
-        each = [(line_of(item["loc"], lines), _told(item, model)) for item in items]
+        each = [(line_of(item["loc"], lines), _described(item, model)) for item in items]
         return cls(path, sorted(each, key=lambda one: one[0] or 0), remedy)
 
     def rows(self) -> list[str]:
@@ -68,7 +68,7 @@ def _lies_in(place: Place, around: Place) -> bool:
     return len(place) > len(around) and place[: len(around)] == around
 
 
-def _told(item: ErrorDetails, model: type[BaseModel]) -> str:
+def _described(item: ErrorDetails, model: type[BaseModel]) -> str:
     place, kind, message = item["loc"], item["type"], item["msg"]
     if kind == "missing":
         return f"{_key(place)} is missing"

@@ -252,7 +252,9 @@ class Line:
             self._lose_sight(t_ns)
             status = self._status
             shown_ns = status.verified_ns, status.expires_ns
-            return self._told(Verdict(t_ns, VerdictKind.NOT_VERIFIED, self._detected(), None, refusal, *shown_ns))
+            return self._with_point_error(
+                Verdict(t_ns, VerdictKind.NOT_VERIFIED, self._detected(), None, refusal, *shown_ns)
+            )
         height, width = item.frame.image.shape
         if (width, height) != self._reference.image_size_px:
             return self._judged(t_ns, (self._wrong_size(width, height),))
@@ -315,9 +317,9 @@ class Line:
         return status if self._averaging.known else replace(status, verified_ns=None, expires_ns=None)
 
     def _judged(self, t_ns: int, checks: tuple[Check, ...]) -> Verdict:
-        return self._told(judge(t_ns, checks, self._status, self._broke))
+        return self._with_point_error(judge(t_ns, checks, self._status, self._broke))
 
-    def _told(self, verdict: Verdict) -> Verdict:
+    def _with_point_error(self, verdict: Verdict) -> Verdict:
         """With the error of a point as of now."""
         point = self._evidence.points.now(verdict.t_ns, self._status)
         verdict = bounded(verdict, point, self._limits.point_mm)

@@ -285,12 +285,12 @@ class Series:
 def _resumed(box: BlackBox) -> Iterator[Told]:
     """Without its /begun and the settings that follow it."""
     head = True
-    for told in box.items():
-        if head and isinstance(told.item, Begun | Made):
-            head = isinstance(told.item, Begun)
+    for entry in box.items():
+        if head and isinstance(entry.item, Begun | Made):
+            head = isinstance(entry.item, Begun)
             continue
         head = False
-        yield told
+        yield entry
 
 
 def series_of(boxes: Iterable[BlackBox]) -> list[Series]:

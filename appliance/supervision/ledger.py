@@ -30,7 +30,7 @@ class Ledger:
         self.internal, self.integrity = Condition(), Condition()
         self._unseen = Condition()
         self._accepted: frozenset[Fault] = frozenset()
-        self._told: frozenset[Fault | None] = frozenset()
+        self._reported: frozenset[Fault | None] = frozenset()
         self._acknowledged: frozenset[Fault | None] = frozenset()
         self._untested = False
         self.barrier_ns = -1
@@ -115,10 +115,10 @@ class Ledger:
     def _show(self, fault: Fault | None, reason: str, checks: tuple[Check, ...] = ()) -> None:
         """checks: of the verdict that shows it; of several faults at once each counts. fault: None where unknown."""
         self.calibration.show(self.now_ns, fault, reason)
-        told = [(check.fault, check.name) for check in checks if check.verdict is VerdictKind.FAULT]
-        told += [] if fault is None else [(fault, "")]
-        self._told = frozenset(one for one, _ in told)
-        unrecovered = next((one for one, check in told if _requests(one, check)), None)
+        failing = [(check.fault, check.name) for check in checks if check.verdict is VerdictKind.FAULT]
+        failing += [] if fault is None else [(fault, "")]
+        self._reported = frozenset(one for one, _ in failing)
+        unrecovered = next((one for one, check in failing if _requests(one, check)), None)
         if unrecovered is None:
             self.unrecovered.mark_unconfirmed()
         else:
@@ -147,7 +147,7 @@ class Ledger:
         of all that was reported, is not acknowledged.
         """
         self.acknowledged = True
-        self._acknowledged |= self._told | {self.latched_fault}
+        self._acknowledged |= self._reported | {self.latched_fault}
 
     def _acknowledge_none(self) -> None:
         self.acknowledged, self._acknowledged = False, frozenset()
@@ -252,7 +252,7 @@ class Ledger:
         return self.now_ns - self.verified_ns <= self.durations.max_verification_age_ns
 
     @property
-    def told_sight(self) -> Fault | None:
+    def reported_sight(self) -> Fault | None:
         """What is out of sight, or was within probation, so that a flicker is reported as one episode. Decides nothing.
         """
         gone = self._unseen.gone(self.now_ns, self.durations.probation_ns)

@@ -58,7 +58,7 @@ class Overload:
     def __init__(self, period_ns: int) -> None:
         self._period_ns = period_ns
         self._pressure, self._late, self._behind = _Mean(), _Mean(), _Mean()
-        self._told = False
+        self._pressure_known = False
         self._last_ns: int | None = None
         self._good_ns = 0
         self.since_ns: int | None = None
@@ -82,7 +82,7 @@ class Overload:
     @property
     def pressure(self) -> float:
         """Mean of the last second, 0 … 1; NaN where the kernel does not report it."""
-        return self._pressure.value if self._told else nan
+        return self._pressure.value if self._pressure_known else nan
 
     @property
     def late(self) -> float:
@@ -94,11 +94,11 @@ class Overload:
         late = interval_ns > self._period_ns * 3 // 2
         self._late.add((interval_ns - self._period_ns) / interval_ns if late else 0.0, step_s)
         self._behind.add(float(load.waiting >= _WAITING), step_s)
-        self._told = not isnan(load.pressure)
-        self._pressure.add(load.pressure if self._told else 0.0, step_s)
+        self._pressure_known = not isnan(load.pressure)
+        self._pressure.add(load.pressure if self._pressure_known else 0.0, step_s)
 
     def _strain(self) -> float:
         """Worst quantity ÷ its limit. Without the kernel's figures only the tick counts."""
-        pressed = not self._told or self._pressure.value >= _PRESSED
+        pressed = not self._pressure_known or self._pressure.value >= _PRESSED
         late = self._late.value / _LATE if pressed else 0.0
         return max(late, self._behind.value / _BEHIND)

@@ -264,7 +264,7 @@ class Supervisor:
         if condition is not None:
             return (None if self.state in _CALM else condition.fault), condition.reason
         if self.state is State.NOT_VERIFIED:
-            return self._ledger.told_sight, self._unverified_reason()
+            return self._ledger.reported_sight, self._unverified_reason()
         return None, operator_text(self.state, None)[0]
 
     def _condition(self) -> Condition | None:
@@ -283,8 +283,8 @@ class Supervisor:
         return next((one for one in (calibration, device, internal) if one.active), None)
 
     def _unverified_reason(self) -> str:
-        if self._ledger.told_sight is not None:
-            return HAZARDS[self._ledger.told_sight].text
+        if self._ledger.reported_sight is not None:
+            return HAZARDS[self._ledger.reported_sight].text
         last = self._ledger.last
         if last is not None and last.kind is VerdictKind.OK and not self._ledger.verified:
             return DISTURBED if self._ledger.verified_ns is None else OUTDATED

@@ -39,7 +39,7 @@ _MOST_NAMES = 32
 """Names of what a server sends, kept to say what there is. A hostile one could invent names without end."""
 
 
-_MOST_TOLD = 8
+_MOST_LISTED = 8
 """Most of these names in a sentence. More are not read."""
 
 
@@ -72,7 +72,7 @@ class IgtlClient:
     @property
     def others(self) -> str:
         """What the server sends, in words."""
-        return ", ".join(printable(name) for name in sorted(self.received)[:_MOST_TOLD]) or "nothing"
+        return ", ".join(printable(name) for name in sorted(self.received)[:_MOST_LISTED]) or "nothing"
 
     def close(self) -> None:
         self._line.close()

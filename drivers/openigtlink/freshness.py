@@ -28,7 +28,7 @@ class Freshness:
         self.count = -1
         self.repeats = False
         self.frozen = ""
-        self._new_ns = self._told_ns = now_ns
+        self._new_ns = self._reported_ns = now_ns
         self._time_ns: int | None = None
         self._matrix: Matrix4 | None = None
         self._equal = 0
@@ -42,7 +42,7 @@ class Freshness:
     @property
     def due_ns(self) -> int:
         """When word that there is nothing new is due."""
-        return max(self._new_ns + self._wait_ns, self._told_ns + self._period_ns)
+        return max(self._new_ns + self._wait_ns, self._reported_ns + self._period_ns)
 
     def take(self, time_ns: int, matrix: Matrix4 | None, now_ns: int) -> bool:
         """Whether a measurement is new. time_ns: of the sender, 0 where it sends none and every message is new."""
@@ -66,7 +66,7 @@ class Freshness:
         """Whether word that there is nothing new is due. The word is taken as given."""
         if now_ns < self.due_ns:
             return False
-        self._told_ns = now_ns
+        self._reported_ns = now_ns
         return True
 
     @property

@@ -38,7 +38,7 @@ class SenderTime:
             return "Have the server stamp what it sends: messages came without a time"
         return "Keep the server's clock from being set while it sends: it jumped" if self.restarts else ""
 
-    def told(self, time_ns: int) -> None:
+    def note(self, time_ns: int) -> None:
         """The time of every message, also of one that has that of the message before and gets no stamp of its own."""
         if time_ns:
             self._ticks.take(time_ns)

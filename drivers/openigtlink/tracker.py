@@ -215,13 +215,13 @@ class IgtlTracker:
         said = f"{CODES.get(status.code, f'code {status.code}')}{f' ({words})' if words else ''}"
         if message.device in self._complaints or len(self._complaints) < _MOST_COMPLAINTS:
             self._complaints[message.device] = f"the server reports of '{printable(message.device)}': {said}"
-        self._tell(PoseStatus.MISSING, next(iter(self._complaints.values())))
+        self._put_status(PoseStatus.MISSING, next(iter(self._complaints.values())))
 
     def _measured(self, reading: TransformReading, arrived: Arrived) -> None:
         """The probe's. The one before, for which no reference of its time came, goes without a number."""
         time_ns = arrived.message.time_ns
         self._release()
-        self._time.told(time_ns)
+        self._time.note(time_ns)
         if not self._freshness.take(time_ns, reading.matrix, self._clock.now_ns()):
             return
         if self._probe is not None:
@@ -296,19 +296,21 @@ class IgtlTracker:
         if not self._freshness.overdue(now_ns):
             return
         if self._freshness.repeats:
-            self._tell(PoseStatus.STALE, "the server repeats an old transform")
+            self._put_status(PoseStatus.STALE, "the server repeats an old transform")
             return
         names = [self._options.probe, *([self._options.reference] if self._options.reference else [])]
         wanted = " and ".join(f"'{printable(name)}'" for name in names)
         damage = f"; damaged: {self._damage}" if self._damage else ""
-        self._tell(PoseStatus.MISSING, f"no new transform {wanted}; the server sends {self._client.others}{damage}")
+        self._put_status(
+            PoseStatus.MISSING, f"no new transform {wanted}; the server sends {self._client.others}{damage}"
+        )
 
     def _ask_whether_well(self, now_ns: int) -> None:
         if self._complaints and now_ns >= self._ask_ns:
             self._ask_ns = now_ns + _ASK_AGAIN_NS
             self._client.send("GET_STATUS", next(iter(self._complaints)))
 
-    def _tell(self, status: PoseStatus, reason: str) -> None:
+    def _put_status(self, status: PoseStatus, reason: str) -> None:
         """Word of now, in place of whatever waits for its reference."""
         self._put(self._time.heard(self._clock.now_ns()), TransformReading(None, status, reason))
 

@@ -84,7 +84,7 @@ class IgtlVideo:
     def _frame(self, arrived: Arrived) -> Frame | None:
         message = arrived.message
         self._settle_on(message.device)
-        self._time.told(message.time_ns)
+        self._time.note(message.time_ns)
         if message.time_ns and message.time_ns == self._time_ns:
             self.repeated += 1
             return None

@@ -25,7 +25,7 @@ _MOVED_MM, _MOVED_RAD = 3.0, math.radians(2.0)
 """Between two places of rest: three times the noise along, and less than a bend or slide that must be named. A tracker
 that turns by a tenth of a degree at 1.7 m moves the reference by 3 mm. More leaves smaller blows unreported."""
 
-_TOLD_NS = 600_000_000_000
+_REPORTED_NS = 600_000_000_000
 """For how long it is said: until the person who was called has looked. Longer reports what is long over."""
 
 
@@ -55,7 +55,7 @@ class ReferencePlace:
 
     def remarks(self, now_ns: int) -> tuple[str, ...]:
         """That it was moved of late, in words; empty where it was not."""
-        if self._moved is None or now_ns - self._moved[0] > _TOLD_NS:
+        if self._moved is None or now_ns - self._moved[0] > _REPORTED_NS:
             return ()
         _, by_mm, by_rad = self._moved
         moved = f"the tracker or the reference tool was moved, by {by_mm:.1f} mm and {math.degrees(by_rad):.1f}°"

@@ -32,13 +32,13 @@ class FaultControl:
         self._listed = Schedule()
         self._seen: tuple[int, int, int] | None = None
         self._look_s = -1.0
-        self._told = ""
+        self._reported = ""
 
     def new_refusal(self) -> str | None:
         """The refusal, once, whenever it has become another; None otherwise."""
-        if self.refusal == self._told:
+        if self.refusal == self._reported:
             return None
-        self._told = self.refusal
+        self._reported = self.refusal
         return self.refusal
 
     def active(self, t_s: float) -> frozenset[str]:

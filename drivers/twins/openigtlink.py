@@ -72,7 +72,7 @@ _STATUS_WORDS = {
 _READ_S, _PAUSE_S = 0.1, 0.2
 """For which a source is waited for, and between two attempts to open one. Longer ends the twin later."""
 
-_TELL_NS = 30_000_000
+_SEND_EVERY_NS = 30_000_000
 """Between two words that the tracker is lost: the pace of PLUS's loop, 33 Hz or so."""
 
 _BACKLOG_BYTES = 1 << 23
@@ -147,7 +147,7 @@ class IgtlTwin:
         self._last: tuple[Matrix4, int] = (np.eye(4), 0)
         self._number = 0
         self._tracker_is_lost = False
-        self._told_ns = 0
+        self._sent_ns = 0
         self._random = np.random.default_rng(_SEED)
         self._server = TcpServer(address, _Client, self._note)
 
@@ -238,9 +238,9 @@ class IgtlTwin:
 
     def _hand_on(self) -> None:
         now_ns = self._clock.now_ns()
-        if self._tracker_is_lost and now_ns - self._told_ns > _TELL_NS and not self._active & {"mute", "stall"}:
-            self._told_ns = now_ns
-            self._tell(Pose(Stamp(now_ns, 0), 0, None, math.nan, PoseStatus.DISABLED, "the tracker is lost"))
+        if self._tracker_is_lost and now_ns - self._sent_ns > _SEND_EVERY_NS and not self._active & {"mute", "stall"}:
+            self._sent_ns = now_ns
+            self._send_pose(Pose(Stamp(now_ns, 0), 0, None, math.nan, PoseStatus.DISABLED, "the tracker is lost"))
         with suppress(queue.Empty):
             for _ in range(_WAITING):
                 sample = self._samples.get_nowait()
@@ -249,14 +249,14 @@ class IgtlTwin:
                 if isinstance(sample, Frame):
                     self._show(sample)
                 else:
-                    self._tell(sample)
+                    self._send_pose(sample)
 
     def _show(self, frame: Frame) -> None:
         rows, columns = frame.image.shape
         content = Image((columns, rows, 1), frame.image.tobytes()).content
         self._to_all(lambda client: self._message(client, "IMAGE", IMAGE_NAME, content, frame.stamp.t_ns))
 
-    def _tell(self, pose: Pose) -> None:
+    def _send_pose(self, pose: Pose) -> None:
         if pose.matrix is not None and "repeat" not in self._active:
             self._last = pose.matrix, pose.stamp.t_ns
         if pose.matrix is None and "left-out" in self._active:

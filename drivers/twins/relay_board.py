@@ -17,8 +17,8 @@ def _printed(change: Change) -> None:
 
 
 class RelayBoard:
-    """contacts: channel → closed. answers: reports its contacts when asked, as boards with a microcontroller do. tell:
-    is called with every change.
+    """contacts: channel → closed. answers: reports its contacts when asked, as boards with a microcontroller do.
+    on_change: is called with every change.
     """
 
     def __init__(
@@ -27,11 +27,11 @@ class RelayBoard:
         clock: HostClock,
         channels: int = 1,
         answers: bool = True,
-        tell: Callable[[Change], None] = _printed,
+        on_change: Callable[[Change], None] = _printed,
     ) -> None:
         self.contacts = dict.fromkeys(range(1, channels + 1), False)
         self.stuck = False
-        self._line, self._clock, self._answers, self._tell = line, clock, answers, tell
+        self._line, self._clock, self._answers, self._on_change = line, clock, answers, on_change
         self._received = bytearray()
 
     def run(self, stop: Event) -> None:
@@ -64,7 +64,7 @@ class RelayBoard:
         if self.contacts[channel] == energised:
             return
         self.contacts[channel] = energised
-        self._tell({"t_ns": self._clock.now_ns(), "channel": channel, "energised": energised})
+        self._on_change({"t_ns": self._clock.now_ns(), "channel": channel, "energised": energised})
 
     def _report(self) -> None:
         if self._answers:

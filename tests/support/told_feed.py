@@ -51,7 +51,7 @@ class ToldFeed:
         self.number += 1
         image = np.full(self._size_px[::-1], self.number % 256, np.uint8)
         frame = Frame(self._stamp(), self.number, image)
-        self.tap.tell(frame, ())
+        self.tap.publish(frame, ())
         return frame
 
     def track(self, status: PoseStatus = PoseStatus.OK) -> Pose:
@@ -60,7 +60,7 @@ class ToldFeed:
         matrix = np.eye(4)
         matrix[0, 3] = self.number
         pose = Pose(self._stamp(), self.number, matrix if status is PoseStatus.OK else None, 0.1, status)
-        self.tap.tell(pose, ())
+        self.tap.publish(pose, ())
         return pose
 
     def close(self) -> None:

@@ -92,7 +92,7 @@ class FanWatch(Detector):
         self._search: Generator[None, None, Fan | None] | None = None
         self._candidate: tuple[Fan, int] | None = None
         self._moving: dict[str, Check] = {}
-        self._told: tuple[Check, ...] = ()
+        self._latest_checks: tuple[Check, ...] = ()
         self._visible = False
         self._missing: frozenset[int] = frozenset()
         self._wait_ns = _SEARCHES_NS
@@ -104,7 +104,7 @@ class FanWatch(Detector):
             return False
         image = seen.image[::-1] if self._reference.polarity[1] < 0 else seen.image
         changed = self._step(seen.t_ns, image)
-        self._told = self._told_now()
+        self._latest_checks = self._checks_now()
         return changed
 
     def _step(self, t_ns: int, image: GreyImage) -> bool:
@@ -130,7 +130,7 @@ class FanWatch(Detector):
         fits = self._known is not None and self._visible and self._known_ns <= until_ns
         if fits and self._known is not self._shown and shows(Fault.SCALE):
             self._answer(shows(Fault.OFFSET))
-        self._told = self._told_now()
+        self._latest_checks = self._checks_now()
 
     def _answer(self, offset_shown: bool) -> None:
         """Motion shows the scales with the fan of now."""
@@ -143,9 +143,9 @@ class FanWatch(Detector):
         """Stretch, %, and shift, px, since motion showed the scales, NaN while the fan is hidden; with the radius of
         the face the scales themselves, %, and by how much motion differs from them. None where no fan is known.
         """
-        return self._told
+        return self._latest_checks
 
-    def _told_now(self) -> tuple[Check, ...]:
+    def _checks_now(self) -> tuple[Check, ...]:
         if self._known is None:
             return ()
         return (*self._since_shown(), *(self._absolute(self._known) if self._visible else ()))

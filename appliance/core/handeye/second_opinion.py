@@ -50,10 +50,10 @@ def second_opinion(samples: PathSamples, reference: Calibration) -> SecondOpinio
     except ValueError:
         return None
     chain = samples.chain[samples.kept]
-    told = np.flatnonzero(chain[lag:] == chain[:-lag])
-    if len(told) < _LEAST_PAIRS:
+    starts = np.flatnonzero(chain[lag:] == chain[:-lag])
+    if len(starts) < _LEAST_PAIRS:
         return None
-    u, v, t_s = _pairs(samples, reference, told, lag)
+    u, v, t_s = _pairs(samples, reference, starts, lag)
     block = np.floor((t_s - t_s[0]) / _BLOCK_S)
     parts = [Sums.of(u[block == name], v[block == name]) for name in np.unique(block)]
     if len(parts) < _LEAST_BLOCKS:
@@ -65,7 +65,7 @@ def second_opinion(samples: PathSamples, reference: Calibration) -> SecondOpinio
         except ValueError:
             continue
         found, polarity = nearest_polarity(whole, reference.rotation)
-        return SecondOpinion(form, found.rotation, polarity, found.scale, _jackknife(whole, without), len(told))
+        return SecondOpinion(form, found.rotation, polarity, found.scale, _jackknife(whole, without), len(starts))
     return None
 
 

@@ -109,8 +109,8 @@ class Breaths:
         _, slopes = self.linear(blocks.t_s, self.usual)
         columns = blocks.without_offsets(slopes[self._shape])
         usual = self.usual.copy()
-        told_mm = blocks.without_offsets(breathing_mm * self.inside)
-        usual[self._shape] = np.linalg.lstsq(columns.T, told_mm, rcond=None)[0]
+        learned_mm = blocks.without_offsets(breathing_mm * self.inside)
+        usual[self._shape] = np.linalg.lstsq(columns.T, learned_mm, rcond=None)[0]
         return usual
 
     def linear(self, t_s: Array, state: Array) -> tuple[Array, Array]:

@@ -181,8 +181,8 @@ class _Steps:
             return None
         first, last = int(bracketed[0]), int(bracketed[-1]) + 1
         place = (t_s - start_s) / _GRID_S - first
-        told = (place >= 0) & (place + 1 < last - first)
-        begins = np.flatnonzero((chain[ahead:] == chain[:-ahead]) & told[ahead:] & told[:-ahead])
+        within = (place >= 0) & (place + 1 < last - first)
+        begins = np.flatnonzero((chain[ahead:] == chain[:-ahead]) & within[ahead:] & within[:-ahead])
         begins = begins[:: 1 + begins.size // _MOST_STEPS]
         if not begins.size or t_s[begins[-1]] - t_s[begins[0]] < _LEAST_S:
             return None
@@ -211,10 +211,10 @@ class _Steps:
         moved += self.share[1] * np.take(slope, end, axis=1) - self.share[0] * np.take(slope, begin, axis=1)
         moved *= reached
         together = np.einsum("rn,rkn->rk", self.seen, moved)
-        seen, told = np.square(self.seen) @ reached.T, np.square(moved).sum(axis=2)
+        seen, predicted = np.square(self.seen) @ reached.T, np.square(moved).sum(axis=2)
         floor = np.maximum(reached.sum(axis=1), 1) * _FLOORS[:, None]
-        left = np.log((seen + told - 2 * together + floor) / (seen + floor)).sum(axis=0)
-        agreement = 2 * together / (seen + told + floor)
+        left = np.log((seen + predicted - 2 * together + floor) / (seen + floor)).sum(axis=0)
+        agreement = 2 * together / (seen + predicted + floor)
         span_s = self.span_s * reached.mean(axis=1)
         scores = np.where(span_s >= _LEAST_S, 0.5 * span_s / MEMORY_S * left, 0.0)
         return _Fits(convention, lags_s, scores, agreement)

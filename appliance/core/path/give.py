@@ -101,17 +101,17 @@ def may_do(before: int, seen: Sequence[Motion], poses: Array, reference: Calibra
     return PRESSES * presses | DRAGS * drags(DRAGS | PRESSES * presses)
 
 
-def _share(told: Array, seen: Array, supposed: Array) -> Share:
-    """By what share `seen` (n,) goes along with any of `told` (k, n), or with what lies between them. supposed: (k,)
-    standard deviation of each coefficient.
+def _share(predicted: Array, seen: Array, supposed: Array) -> Share:
+    """By what share `seen` (n,) goes along with any of `predicted` (k, n), or with what lies between them. supposed:
+    (k,) standard deviation of each coefficient.
 
     An axis between them is that of a probe that is held otherwise than the reference says, and no softer.
     """
     left = float(np.mean(np.square(seen)))
     for _ in range(_ROUNDS):
-        covariance = np.linalg.inv(told @ told.T / max(left, _TINY) + np.diag(supposed**-2))
-        shares = covariance @ told @ seen / max(left, _TINY)
-        left = float(np.mean(np.square(seen - shares @ told)))
+        covariance = np.linalg.inv(predicted @ predicted.T / max(left, _TINY) + np.diag(supposed**-2))
+        shares = covariance @ predicted @ seen / max(left, _TINY)
+        left = float(np.mean(np.square(seen - shares @ predicted)))
     length = float(shares @ shares)
     longer = float(np.trace(covariance))  # By noise.
     sigma = np.sqrt(float(shares @ covariance @ shares) / max(length, _TINY))

@@ -72,8 +72,8 @@ def estimate_latency(
         return None
     period_s = float(np.median(np.diff(t_s)))
     smooth = _smoothed(pose_t_s, centre_mm, max(period_s, float(np.median(np.diff(pose_t_s)))))
-    told = (t_s - _RANGE_S >= pose_t_s[0]) & (t_s + _RANGE_S <= pose_t_s[-1])
-    steps = [_Steps(path_mm, chain, told, max(1, round(lag / period_s)), period_s) for lag in _LAGS_S]
+    covered = (t_s - _RANGE_S >= pose_t_s[0]) & (t_s + _RANGE_S <= pose_t_s[-1])
+    steps = [_Steps(path_mm, chain, covered, max(1, round(lag / period_s)), period_s) for lag in _LAGS_S]
     steps = [s for s in steps if s.first.size >= _LEAST]
     if not steps:
         return None
@@ -116,10 +116,10 @@ class _Steps:
     """
 
     def __init__(
-        self, path_mm: Array, chain: NDArray[np.int64], told: NDArray[np.bool_], frames: int, period_s: float
+        self, path_mm: Array, chain: NDArray[np.int64], covered: NDArray[np.bool_], frames: int, period_s: float
     ) -> None:
         self._path_mm, self._frames = path_mm, frames
-        self.first = np.flatnonzero((chain[frames:] == chain[:-frames]) & told[:-frames] & told[frames:])
+        self.first = np.flatnonzero((chain[frames:] == chain[:-frames]) & covered[:-frames] & covered[frames:])
         apart = max(frames, round(MEMORY_S / period_s))
         self.independent = max(2 * self.first.size / apart - _MAP_PARAMETERS, 0.0)
 

@@ -27,28 +27,28 @@ class LatencyDrift:
     """Estimates of the last seconds, and the line through them."""
 
     def __init__(self) -> None:
-        self._told: deque[tuple[int, float]] = deque()
+        self._estimates: deque[tuple[int, float]] = deque()
 
     def clear(self) -> None:
         """Forget everything."""
-        self._told.clear()
+        self._estimates.clear()
 
     def note(self, t_ns: int, latency: Latency) -> None:
         """Take the next estimate, which is of t_ns; one that is not later, or too uncertain, is left out."""
-        if not latency.sigma_s <= _SHARPEST_S or (self._told and t_ns <= self._told[-1][0]):
+        if not latency.sigma_s <= _SHARPEST_S or (self._estimates and t_ns <= self._estimates[-1][0]):
             return
-        self._told.append((t_ns, latency.value_s))
-        while t_ns - self._told[0][0] > _SPAN_NS:
-            self._told.popleft()
+        self._estimates.append((t_ns, latency.value_s))
+        while t_ns - self._estimates[0][0] > _SPAN_NS:
+            self._estimates.popleft()
 
     def carried_to(self, now_ns: int) -> Latency | None:
         """What the latency is now; None where it does not move, or too little is known."""
-        if len(self._told) < 2 or self._told[-1][0] - self._told[0][0] < _LEAST_NS:
+        if len(self._estimates) < 2 or self._estimates[-1][0] - self._estimates[0][0] < _LEAST_NS:
             return None
-        if now_ns - self._told[-1][0] > _SPAN_NS:
+        if now_ns - self._estimates[-1][0] > _SPAN_NS:
             return None
-        t_s = np.array([t_ns - now_ns for t_ns, _ in self._told]) / 1e9
-        values = np.array([value for _, value in self._told])
+        t_s = np.array([t_ns - now_ns for t_ns, _ in self._estimates]) / 1e9
+        values = np.array([value for _, value in self._estimates])
         middle_s, spread = float(t_s.mean()), float(np.square(t_s - t_s.mean()).mean())
         rate = float((t_s - middle_s) @ values) / (spread * t_s.size)
         left = values - values.mean() - rate * (t_s - middle_s)

@@ -306,7 +306,7 @@ class PathResidual:
         return np.stack([path.real, path.imag])
 
     @cached_property
-    def tells(self) -> bool:
+    def is_informative(self) -> bool:
         """Whether anything may be concluded: tissue is rigid, or the probe has turned enough."""
         if self.rigid:
             return True

@@ -489,7 +489,7 @@ class _Problem:
 
     def _observed(self, covariance: Array, hidden: list[int]) -> tuple[bool, ...]:
         """Where the motion, not the prior, tells: within half the prior's sd and what a check could still use."""
-        if not self.residual.tells:
+        if not self.residual.is_informative:
             return (False,) * TAU
         enough = np.minimum(_USEFUL_SD, 0.5 * self._prior_sd()[:TAU])
         observed = np.sqrt(np.diag(covariance)[:TAU]) < enough

@@ -208,8 +208,8 @@ class Evidence:
         """A scale that only followed breaths show, until it has failed for half the window's length: solutions in a row
         are of the same breaths, and err alike.
         """
-        told = finding.solution is not None and finding.solution.noise.habits
-        failed = BREATHED & finding.failed if told else frozenset[str]()
+        by_breaths = finding.solution is not None and finding.solution.noise.habits
+        failed = BREATHED & finding.failed if by_breaths else frozenset[str]()
         if not failed:
             self._breathed_ns = None
         elif self._breathed_ns is None:
@@ -266,7 +266,7 @@ class Evidence:
         accusation = yield from self._accused(finding, window, now_ns)
         yield from self._measure(finding, recent, window, now_ns)
         if accusation is not None:
-            self._latest = _with(self._latest, accusation, told=accusation.nats >= self._limits.named_nats)
+            self._latest = _with(self._latest, accusation, reported=accusation.nats >= self._limits.named_nats)
         excused = frozenset[str]() if self._examiner.noises.breathing_known else BREATHED
         accusation = None if self._latest.failed else accusation
         unnamed = None if accusation is None else undecided(accusation, excused, self._limits.named_nats)
@@ -453,12 +453,12 @@ def _punctual(finding: Finding, limits: Limits) -> bool:
     return abs(lateness.value) + limits.confidence_sigma * lateness.sigma <= lateness.limit / 2
 
 
-def _with(finding: Finding, accusation: Accusation, told: bool) -> Finding:
-    """The finding with what the accusation names in the place of the checks of these names. told: False where a higher
-    threshold keeps the names back: then they are not verified, and what was measured to be a FAULT stays one.
+def _with(finding: Finding, accusation: Accusation, reported: bool) -> Finding:
+    """The finding with what the accusation names in the place of the checks of these names. reported: False where a
+    higher threshold keeps the names back: then they are not verified, and what was measured to be a FAULT stays one.
     """
     named = {check.name: check for check in accusation.checks if check.verdict is VerdictKind.FAULT}
-    if not told:
+    if not reported:
         named = {
             name: replace(check, verdict=VerdictKind.NOT_VERIFIED)
             for name, check in named.items()

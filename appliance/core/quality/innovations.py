@@ -47,9 +47,9 @@ class Innovations:
         return self._residual.rigid
 
     @property
-    def tells(self) -> bool:
+    def is_informative(self) -> bool:
         """As of `PathResidual`."""
-        return self._residual.tells
+        return self._residual.is_informative
 
     def travel_mm(self, n: int) -> Array:
         """(2,) as of `PathResidual`."""

@@ -77,10 +77,10 @@ def bounded(verdict: Verdict, point: PointError | None, limit_mm: float | None) 
         shown_ns = None if verdict.verified_ns is None else min(verdict.verified_ns, point.shown_ns)
         return replace(verdict, verified_ns=shown_ns)
     error = "not known" if point is None else f"{up_to(point.worst_mm[-1])} mm"
-    told = [f"error of a point {error}, limit {limit_mm:g} mm"]
+    reasons = [f"error of a point {error}, limit {limit_mm:g} mm"]
     if verdict.kind is not VerdictKind.OK:
-        told = [verdict.reason, *(told if point is not None else [])]
-    kind, reason = VerdictKind.NOT_VERIFIED, "; ".join(told)
+        reasons = [verdict.reason, *(reasons if point is not None else [])]
+    kind, reason = VerdictKind.NOT_VERIFIED, "; ".join(reasons)
     return replace(verdict, kind=kind, reason=reason, verified_ns=None, expires_ns=None)
 
 

@@ -65,12 +65,12 @@ class Proposal:
     @property
     def text(self) -> str:
         """One sentence of clauses, in English."""
-        told = {
+        step_texts = {
             Step.SET_LATENCY: f"set latency_ms={self.values[0].now:.0f} in the tracker's URL and restart the service",
             Step.TAKE_X: "write it with 'probewatch calibration recover' and take it with 'probewatch calibration use'",
             Step.RECALIBRATE: "motion alone does not recover this: recalibrate with 'probewatch recalibrate --live'",
         }
-        return "; ".join([*(value.text for value in self.values), *(told[step] for step in self.steps)])
+        return "; ".join([*(value.text for value in self.values), *(step_texts[step] for step in self.steps)])
 
 
 def propose(checks: Sequence[Check], reference: Calibration, latency_ms: float) -> Proposal | None:

@@ -102,7 +102,7 @@ def accuse(
     try:
         yield INNOVATIONS.of(len(window))
         rows = Innovations(window, reference, noise if breathing_known else _with_breathing(noise), lag_s)
-        if rows.tells:
+        if rows.is_informative:
             found = yield from _likeliest(rows, limits, lag_s)
         if ask_bent:
             bent_nats = yield from distortion_nats(rows)
@@ -190,8 +190,8 @@ class _Trial:
             return Accusation(since_ns, self.nats, tuple(faults))
         each = (_checks(fits[fault], fault, limits, lag_s, self._spread) for fault in rivals)
         worst = tuple(max(checks, key=lambda check: check.ratio) for checks in each)
-        told = explains and len(worst) > 1 and not any(check.name in little for check in worst)
-        as_likely = tuple(Rival(check, behind[check.fault]) for check in worst) if told else ()
+        rivalled = explains and len(worst) > 1 and not any(check.name in little for check in worst)
+        as_likely = tuple(Rival(check, behind[check.fault]) for check in worst) if rivalled else ()
         return Accusation(since_ns, self.nats, worst, as_likely)
 
     def _alone(self, own: slice) -> Fit:

@@ -91,8 +91,8 @@ class FrameAveraging:
     @property
     def known(self) -> bool:
         """Whether a share is believed, or pictures have shown that there is none."""
-        told = self._none is not None and self._pictures - self._none < _KNOWN
-        return self.share > 0 or told or self._shown_none(_KNOWN)
+        found = self._none is not None and self._pictures - self._none < _KNOWN
+        return self.share > 0 or found or self._shown_none(_KNOWN)
 
     def repeat(self) -> None:
         """The grabber has handed on the latest picture once more: the scanner has averaged nothing."""
@@ -158,22 +158,22 @@ class FrameAveraging:
         self._quick.append((self._pictures, np.concatenate([alike, by_depth])))
         recent = [alike for picture, alike in self._quick if self._pictures - picture < _WITHIN]
         enough = len(recent) >= (_MOST if self._doubted else _FEWEST)
-        told = _told(np.array(recent)) if enough else None
-        self._none = self._pictures if told == 0 else self._none
-        return told is not None and self._believe(told)
+        found = _share_of(np.array(recent)) if enough else None
+        self._none = self._pictures if found == 0 else self._none
+        return found is not None and self._believe(found)
 
-    def _believe(self, told: float) -> bool:
+    def _believe(self, found: float) -> bool:
         """Whether it takes the place of the share in force: at once where there is none, else once twenty pictures say
         so that have nothing of the time before."""
-        differs = abs(told - self.share) > _SAME * (1 - told)
-        if not differs or (told > 0 and self._shown_none(_OPPOSED)):
+        differs = abs(found - self.share) > _SAME * (1 - found)
+        if not differs or (found > 0 and self._shown_none(_OPPOSED)):
             self._doubted = self._doubted and differs
             return False
         if self.share > 0 and not self._doubted:
             self._doubted = True
             self._quick.clear()
             return False
-        self.share, self._doubted = told, False
+        self.share, self._doubted = found, False
         return True
 
     def _shown_none(self, pictures: int) -> bool:
@@ -189,7 +189,7 @@ def _parted(alike: float, left: float) -> bool:
     return bool(fresh < -_PARTED * left / (1 + left**2) ** 0.5)
 
 
-def _told(alike: NDArray[np.float64]) -> float | None:
+def _share_of(alike: NDArray[np.float64]) -> float | None:
     """The share that these likenesses show, (n, 3 and 4), 0 for none; None where they show nothing."""
     first, second, third, *by_depth = np.median(alike, axis=0)
     if np.median(np.abs(alike[:, 0] - first)) > _SPREAD:

@@ -20,8 +20,8 @@ class EventLog:
         self.alarm: AlarmState | None = None
         self._recorder = recorder
         self._simulated = {"simulated": [*simulated]} if simulated else {}
-        self._told_reference: int | None = None
-        self._told_overdue = ""
+        self._noted_reference: int | None = None
+        self._noted_overdue = ""
         self._log = get_log()
 
     def note(self, event: Event, **data: Any) -> None:
@@ -30,7 +30,7 @@ class EventLog:
 
     def started(self, current: Reference | None, origin: dict[str, Any]) -> None:
         """origin: what the verdicts rest on, the reference `current` among it."""
-        self._told_reference = None if current is None else current.entry.number
+        self._noted_reference = None if current is None else current.entry.number
         self.note(Event.STARTED, found=[*self._recorder.damage], **origin)
         self._log.info("started", **origin)
 
@@ -43,18 +43,18 @@ class EventLog:
 
     def reference(self, reference: Reference) -> None:
         """It has just come in force; the one that the start entry named is known."""
-        if reference.entry.number == self._told_reference:
+        if reference.entry.number == self._noted_reference:
             return
-        self._told_reference = reference.entry.number
+        self._noted_reference = reference.entry.number
         said = {"reference": reference_fields(reference), **self._simulated}
         self._log.info("reference", **said)
         self.note(Event.REFERENCE, **said)
 
     def overdue(self, why: str) -> None:
         """Which date of the reference has passed; empty while none has. Told once for each."""
-        if why == self._told_overdue:
+        if why == self._noted_overdue:
             return
-        self._told_overdue = why
+        self._noted_overdue = why
         self._log.warning("calibration date", overdue=why or None)
         self.note(Event.OVERDUE, overdue=why or None)
 

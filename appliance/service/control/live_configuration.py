@@ -63,9 +63,9 @@ class LiveConfiguration:
         elif self.config.supervisor.max_verification_age_s > before.supervisor.max_verification_age_s:
             self._supervisor.invalidate_verification()  # what has expired does not count again
         if self.config != before:
-            told = configuration_fields(self.config, self.file)
+            fields = configuration_fields(self.config, self.file)
             rest = {"noise": noise_fields(self.config), "limits": limits_fields(self.config.limits)}
-            self._events.note(Event.RELOADED, **told, **rest)
+            self._events.note(Event.RELOADED, **fields, **rest)
         self._log.info("configuration reloaded", file=str(self.file))
 
 

@@ -94,10 +94,10 @@ def alarm_fields(
     """
     text, remedy = operator_text(alarm.state, alarm.fault, language, Fault.OVERLOADED in alarm.notices)
     text += _carried_by(alarm, shown_now, language)
-    told = [] if next_step else [translated(gesture.value, language) for gesture in wanted]
+    motions = [] if next_step else [translated(gesture.value, language) for gesture in wanted]
     shows = alarm.fault is None if alarm.state is State.NOT_VERIFIED else alarm.fault is Fault.UNDECIDED
-    if shows and told:
-        remedy = "; ".join([translated("Probe on tissue", language), *told])
+    if shows and motions:
+        remedy = "; ".join([translated("Probe on tissue", language), *motions])
     signal, reason = SIGNALS[alarm.state], alarm.reason
     if shows and next_step:
         remedy = translated(next_step, language)
@@ -113,7 +113,7 @@ def alarm_fields(
         "energised": alarm.energised,
         "latched": None if alarm.latched is None else alarm.latched.value,
         "acknowledged": alarm.acknowledged,
-        "gesture": told,
+        "gesture": motions,
         "notices": [translated(HAZARDS[fault].text, language) for fault in alarm.notices],
         "since_s": (now_ns - alarm.since_ns) / 1e9,
         "verification_age_s": None if alarm.verified_ns is None else (now_ns - alarm.verified_ns) / 1e9,

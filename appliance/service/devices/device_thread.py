@@ -30,7 +30,7 @@ class DeviceThread(threading.Thread, ABC):
         self.lost: str | None = None
         self.losses = 0
         self.overload_ns: int | None = None
-        self._told_ns: int | None = None
+        self._noted_overload_ns: int | None = None
         self._said = False
 
     def stop(self) -> None:
@@ -72,10 +72,10 @@ class DeviceThread(threading.Thread, ABC):
 
     def _say_loss(self, error: ProbewatchError) -> None:
         overload_ns = self.overload_ns
-        self._said = overload_ns is None or overload_ns != self._told_ns
+        self._said = overload_ns is None or overload_ns != self._noted_overload_ns
         if not self._said:
             return
-        self._told_ns, why = overload_ns, {}
+        self._noted_overload_ns, why = overload_ns, {}
         if overload_ns is not None:
             why = {"overloaded": True, "remedy": HAZARDS[Fault.OVERLOADED].remedy}
         self._log.warning("device lost", **{"what": error.what, "where": error.where, "remedy": error.remedy} | why)

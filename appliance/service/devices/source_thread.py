@@ -69,9 +69,9 @@ class SourceThread(DeviceThread):
 
     def _silent(self, source: VideoSource | TrackerSource) -> DeviceLost:
         """A server that sends other things by other names has no cable to check."""
-        told = source.describe() if isinstance(source, Identified) else Description("")
-        if told.absent:
-            return DeviceLost(told.absent, self.url, told.remedy)
+        described = source.describe() if isinstance(source, Identified) else Description("")
+        if described.absent:
+            return DeviceLost(described.absent, self.url, described.remedy)
         return DeviceLost("is open but sends nothing", self.url, "Check its cable and that it is running")
 
     def _pass_on(self, sample: Sample, now_ns: int) -> None:
@@ -125,7 +125,7 @@ class TrackerThread(SourceThread):
     remarks: tuple[str, ...] = ()
     _reason = ""
     _look_ns = _listen_ns = 0
-    _told: tuple[str, ...] = ()
+    _described: tuple[str, ...] = ()
     _has_bump_detector = False
 
     def __init__(self, *arguments: Any) -> None:
@@ -155,8 +155,8 @@ class TrackerThread(SourceThread):
         self._look(source)
         if now_ns >= self._listen_ns:
             self._listen_ns = now_ns + _LISTEN_NS
-            self._told = source.describe().remarks if isinstance(source, Identified) else ()
-        self.remarks = tuple(filter(None, (self._reason, *self._told)))
+            self._described = source.describe().remarks if isinstance(source, Identified) else ()
+        self.remarks = tuple(filter(None, (self._reason, *self._described)))
         self._has_bump_detector = isinstance(source, BumpDetector)
         if isinstance(source, BumpDetector) and self._bump_checked.is_set():
             source.clear_bump()

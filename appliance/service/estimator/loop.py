@@ -100,7 +100,7 @@ class Estimator:
             verdicts = () if line is None else line.step(sample)
             self._send_report(verdicts)
             if tap is not None:
-                tap.tell(sample, verdicts)
+                tap.publish(sample, verdicts)
 
     def _discard(self) -> None:
         """What came before there was anyone to take it is old, and not counted."""

@@ -228,12 +228,12 @@ class EstimatorHost:
 
     def _note_end(self, how: str, now_s: float) -> None:
         """Say it once, however often the same is tried in vain, and try again later each time."""
-        lived_s, told = now_s - self._started_s, f"{how}, restart {self.restarts + 1}"
+        lived_s, ended = now_s - self._started_s, f"{how}, restart {self.restarts + 1}"
         self._wait_s = _FIRST_WAIT_S if self._has_reported and lived_s > 10 else min(2 * self._wait_s, _LONGEST_WAIT_S)
         self._start_at_s = now_s + self._wait_s
-        if told != self.ended:
+        if ended != self.ended:
             self._log.error("estimator ended", how=how, lived_s=round(lived_s, 1), restart=self.restarts + 1)
-        self.ended = told
+        self.ended = ended
 
     def _send_settings(self) -> None:
         if self._link is not None and self._settings is not None:

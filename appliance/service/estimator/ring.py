@@ -102,7 +102,7 @@ class Ring:
         self._reading = FileIO(self.fds.reading, "r")
         self._writing = FileIO(self.fds.writing, "w")
         self._written = 0
-        self._told: list[_Notice] = []
+        self._notices: list[_Notice] = []
         self._next: int | None = None
 
     def __enter__(self) -> Self:
@@ -127,7 +127,7 @@ class Ring:
     @property
     def pending(self) -> bool:
         """Whether take() would return something of which fileno() says no longer."""
-        return bool(self._told)
+        return bool(self._notices)
 
     @property
     def backlog(self) -> int:
@@ -141,31 +141,31 @@ class Ring:
         if size > self._shape.payload_bytes:
             raise ValueError(f"a sample of {size} bytes does not fit a slot of {self._shape.payload_bytes}")
         _pack_into(self._memory, self._shape.start(self._written), sample)
-        self._tell(_NOTICE.pack(self._written, size))
+        self._notify(_NOTICE.pack(self._written, size))
         self._written += 1
 
     def take(self) -> tuple[list[Sample], int]:
         """(samples in order, how many were dropped before or between them). Never blocks."""
         self._listen()
-        told, self._told = self._told, []
-        if not told:
+        notices, self._notices = self._notices, []
+        if not notices:
             return [], 0
-        copies = [(notice.number, self._copy(notice)) for notice in told[-self._shape.slots :]]
+        copies = [(notice.number, self._copy(notice)) for notice in notices[-self._shape.slots :]]
         self._listen()
-        newest = (self._told or told)[-1].number
+        newest = (self._notices or notices)[-1].number
         samples = [_unpack(copy) for index, copy in copies if newest - index < self._shape.slots]
-        first = told[0].number if self._next is None else self._next
-        self._next = told[-1].number + 1
+        first = notices[0].number if self._next is None else self._next
+        self._next = notices[-1].number + 1
         return samples, self._next - first - len(samples)
 
     def discard(self) -> None:
         """Forget, uncounted, what has been put until now."""
         self._listen()
-        if self._told:
-            self._next = self._told[-1].number + 1
-            self._told = []
+        if self._notices:
+            self._next = self._notices[-1].number + 1
+            self._notices = []
 
-    def _tell(self, notice: bytes) -> None:
+    def _notify(self, notice: bytes) -> None:
         if self._writing.write(notice) is None:
             while self._reading.read(_READ_BYTES):
                 pass
@@ -173,7 +173,7 @@ class Ring:
 
     def _listen(self) -> None:
         while heard := self._reading.read(_READ_BYTES):
-            self._told += (_Notice(*numbers) for numbers in _NOTICE.iter_unpack(heard))
+            self._notices += (_Notice(*numbers) for numbers in _NOTICE.iter_unpack(heard))
 
     def _copy(self, notice: _Notice) -> bytes:
         start = self._shape.start(notice.number)

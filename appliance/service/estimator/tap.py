@@ -145,18 +145,18 @@ class Tap:
         self._subscription = Subscription(fds.subscription)
         self._settings: EstimatorSettings | None = None
         self._step = 0
-        self._told_epoch: int | None = None
+        self._begun_epoch: int | None = None
 
     def begin(self, settings: EstimatorSettings) -> None:
         """A line was made by these settings; it has taken nothing yet."""
-        self._settings, self._step, self._told_epoch = settings, 0, None
+        self._settings, self._step, self._begun_epoch = settings, 0, None
 
     @property
     def wanted(self) -> bool:
         """Whether anybody listens."""
         return self._subscription.wanted != NOTHING
 
-    def tell(self, sample: Sample, verdicts: tuple[Verdict, ...]) -> None:
+    def publish(self, sample: Sample, verdicts: tuple[Verdict, ...]) -> None:
         """What the line took, or without a line would have taken, and what it said of it."""
         step, wanted = self._step, self._subscription.wanted
         self._step += 1
@@ -178,9 +178,9 @@ class Tap:
     def _has_begun(self, step: int) -> bool:
         """Whether the feed has got the settings by which this line works."""
         epoch = self._subscription.epoch
-        if epoch != self._told_epoch and self._send(Begun(self._settings, step)):
-            self._told_epoch = epoch
-        return epoch == self._told_epoch
+        if epoch != self._begun_epoch and self._send(Begun(self._settings, step)):
+            self._begun_epoch = epoch
+        return epoch == self._begun_epoch
 
     def _send(self, packet: Packet) -> bool:
         with contextlib.suppress(OSError):

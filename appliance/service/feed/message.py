@@ -113,8 +113,8 @@ HEAD_BYTES = _LENGTHS.size
 
 def hello(software: str, ignored: tuple[str, ...] = ()) -> bytes:
     """ignored: fields of the request that mean nothing here."""
-    told = {"ignored": ignored} if ignored else {}
-    return packed({"kind": "hello", "v": VERSION, "software": software, **told})
+    extra = {"ignored": ignored} if ignored else {}
+    return packed({"kind": "hello", "v": VERSION, "software": software, **extra})
 
 
 def lost(samples: int) -> bytes:

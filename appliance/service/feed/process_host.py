@@ -100,7 +100,7 @@ class FeedHost:
         if self._process is not None:
             if self._process.poll() is not None:
                 self._note_end(self._process.returncode, now_s)
-        elif self._tap is not None and now_s >= self._start_at_s and self._somebody_waits():
+        elif self._tap is not None and now_s >= self._start_at_s and self._client_waits():
             self._start(self._tap, now_s)
 
     def close(self) -> None:
@@ -114,7 +114,7 @@ class FeedHost:
             with suppress(OSError):
                 self._path.unlink(missing_ok=True)
 
-    def _somebody_waits(self) -> bool:
+    def _client_waits(self) -> bool:
         waiting = select.poll()
         assert self._listener is not None
         waiting.register(self._listener, select.POLLIN)
@@ -169,16 +169,16 @@ class _TapEnds:
     def __init__(self) -> None:
         """Raises OSError, and then leaves nothing open."""
         with ExitStack() as made:
-            self._tells, self.listens = link_pair()
-            made.callback(self._tells.close)
+            self._sends, self.listens = link_pair()
+            made.callback(self._sends.close)
             made.callback(self.listens.close)
             self.frames = made.enter_context(Ring(FRAMES))
             self.subscription = Subscription()
             made.pop_all()
-        self.fds = TapFds(self._tells.fileno(), self.frames.fds, self.subscription.fd)
+        self.fds = TapFds(self._sends.fileno(), self.frames.fds, self.subscription.fd)
 
     def close(self) -> None:
-        self._tells.close()
+        self._sends.close()
         self.listens.close()
         self.frames.close()
         self.subscription.close()

@@ -242,10 +242,10 @@ class FeedServer:
                 for client in self._clients:
                     client.knows_settings = False
             elif self._next is not None:
-                self._tell(packet, gap=packet.step - self._next)
+                self._send_to_clients(packet, gap=packet.step - self._next)
                 self._next = packet.step + 1
 
-    def _tell(self, taken: Taken, gap: int) -> None:
+    def _send_to_clients(self, taken: Taken, gap: int) -> None:
         frame = self._frame(taken.sample) if isinstance(taken.sample, Picture) else None
         verdicts = tuple(message.judged(taken.step, verdict) for verdict in taken.verdicts)
         made: dict[int | None, _Parts] = {}

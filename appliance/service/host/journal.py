@@ -43,15 +43,15 @@ class JournalStream:
 
 def journal_entry(fields: dict[str, Any]) -> bytes:
     """A log line as one datagram. MESSAGE is for a person: the event and its fields in words."""
-    told = {name: _text(value) for name, value in fields.items() if name not in _SHOWN_ELSEWHERE}
-    words = [str(fields.get("event", "")), *(f"{name}={value}" for name, value in told.items())]
+    shown = {name: _text(value) for name, value in fields.items() if name not in _SHOWN_ELSEWHERE}
+    words = [str(fields.get("event", "")), *(f"{name}={value}" for name, value in shown.items())]
     entry = {
         "MESSAGE": " ".join(words),
         "PRIORITY": str(_PRIORITIES.get(str(fields.get("level")), 6)),
         "SYSLOG_IDENTIFIER": "probewatch",
         "PROBEWATCH_EVENT": str(fields.get("event", "")),
     }
-    entry |= {f"PROBEWATCH_{re.sub('[^A-Z0-9]', '_', name.upper())}": value for name, value in told.items()}
+    entry |= {f"PROBEWATCH_{re.sub('[^A-Z0-9]', '_', name.upper())}": value for name, value in shown.items()}
     return b"".join(_field(name, value.encode(errors="replace")) for name, value in entry.items())
 
 

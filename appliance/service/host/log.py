@@ -35,7 +35,7 @@ class LogWriter:
     def __init__(self, stream: LogStream) -> None:
         self._stream = stream
         self._lines: queue.Queue[str | None] = queue.Queue(_LONGEST_QUEUE)
-        self.dropped = self._told_dropped = 0
+        self.dropped = self._reported_dropped = 0
         self._thread = threading.Thread(target=self._write, name="log", daemon=True)
         self._thread.start()
 
@@ -65,17 +65,17 @@ class LogWriter:
         while (line := self._lines.get()) is not None:
             try:
                 self._stream.write(line + "\n")
-                self._tell_dropped()
+                self._report_dropped()
                 self._stream.flush()
             except (OSError, ValueError):
                 self.dropped += 1
 
-    def _tell_dropped(self) -> None:
-        dropped = self.dropped - self._told_dropped
+    def _report_dropped(self) -> None:
+        dropped = self.dropped - self._reported_dropped
         if dropped:
             said = {"event": "log lines dropped", "level": "warning", "lines": dropped}
             self._stream.write(json.dumps(said) + "\n")
-            self._told_dropped += dropped
+            self._reported_dropped += dropped
 
 
 def configure(level: str, stream: TextIO | None = None) -> LogWriter:

@@ -63,7 +63,7 @@ class OverloadWatch:
         self._pressure.close()
 
     def _end(self, now_ns: int, losses: int) -> None:
-        told: dict[str, Any] | None = self._notes.end(now_ns, losses)
-        if told is not None:
-            self._log.info("overload ended", **told)
-            self._note(Event.OVERLOAD_ENDED, **told)
+        ended: dict[str, Any] | None = self._notes.end(now_ns, losses)
+        if ended is not None:
+            self._log.info("overload ended", **ended)
+            self._note(Event.OVERLOAD_ENDED, **ended)

@@ -68,7 +68,7 @@ class Recorder(threading.Thread):
         self._error: str | None = None
         self._asked_ns: int | None = None
         self._said_silent = False
-        self._told_dropped = 0
+        self._reported_dropped = 0
         self._damage_lock = threading.Lock()
         self.failure: BaseException | None = None
         self.latch: Latch | None = None
@@ -173,7 +173,7 @@ class Recorder(threading.Thread):
             while self._waiting and self._alarm_log is not None:
                 self._append(self._alarm_log, self._waiting[0])
                 self._waiting.popleft()
-            self._tell_dropped()
+            self._report_dropped()
         except OSError as error:
             self._note_failure(error)
             if isinstance(error, FileNotFoundError):
@@ -181,14 +181,14 @@ class Recorder(threading.Thread):
         else:
             self._note_success()
 
-    def _tell_dropped(self) -> None:
+    def _report_dropped(self) -> None:
         """What did not fit while nothing could be written is missed before the last entry."""
-        dropped = self.dropped - self._told_dropped
+        dropped = self.dropped - self._reported_dropped
         if dropped and self._alarm_log is not None:
             utc, t_ns = datetime.now(UTC), self._clock.now_ns()
             note = _Note(utc, t_ns, "dropped", {"entries": dropped}, self._alarm_log.latch)
             self._append(self._alarm_log, note)
-            self._told_dropped += dropped
+            self._reported_dropped += dropped
 
     def _look_at_room(self) -> None:
         """For people who plan; nothing depends on it, so that a look changes nothing."""

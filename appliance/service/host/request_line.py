@@ -33,8 +33,8 @@ def unknown_fields(fields: Iterable[str], known: Iterable[str]) -> tuple[str, ..
     Within a version fields may be added, so that a newer client is answered; what was misspelt is reported to the
     client.
     """
-    told = (printable(name)[:_LONGEST_NAME] for name in fields if name not in {"v", "do", *known})
-    return tuple(islice(told, _MOST_NAMES))
+    unknown = (printable(name)[:_LONGEST_NAME] for name in fields if name not in {"v", "do", *known})
+    return tuple(islice(unknown, _MOST_NAMES))
 
 
 def _once(pairs: Iterable[tuple[str, Any]]) -> dict[str, Any]:

@@ -30,7 +30,7 @@ class Freshness:
         self._modulus = COUNTS if repeats else 0
         self._tick: int | None = None
         self._new_ns: int | None = None
-        self._told_ns = 0
+        self._reported_ns = 0
         self._learning = _LEARNING_READINGS
         self._transform: Transform | None = None
         self._equal = 0
@@ -64,7 +64,7 @@ class Freshness:
         self.frozen = self._equal >= FROZEN_READINGS - 1
         self._transform, self._tick = reading.transform, reading.tick
         self.frame = reading.tick if reading.frame is None else reading.frame
-        self._new_ns = self._told_ns = arrival_ns
+        self._new_ns = self._reported_ns = arrival_ns
 
     def time_ns(self, reading: Reading) -> int:
         """Device time of a reading that has one; negative steps from the last measurement go back in time."""
@@ -77,9 +77,9 @@ class Freshness:
         """Why the data are stale; empty while they are not, or while it was said less than a period ago."""
         assert self._new_ns is not None
         age_ns = arrival_ns - self._new_ns
-        if age_ns <= STALE_PERIODS * self.period_ns or arrival_ns - self._told_ns < self.period_ns:
+        if age_ns <= STALE_PERIODS * self.period_ns or arrival_ns - self._reported_ns < self.period_ns:
             return ""
-        self._told_ns = arrival_ns
+        self._reported_ns = arrival_ns
         what = (
             "the frame counter has stood still" if self._repeats else "the tracker has reported nothing new of the tool"
         )

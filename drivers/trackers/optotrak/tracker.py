@@ -324,7 +324,7 @@ class _Freshness:
         self._period_ns = SLOWEST_PERIOD_NS
         self._learnt = False
         self._new_ns: int | None = None
-        self._told_ns = 0
+        self._reported_ns = 0
         self._odd = ""
         self._body: Body | None = None
         self._equal = 0
@@ -347,7 +347,7 @@ class _Freshness:
         self.frozen = self._equal >= FROZEN_READINGS - 1
         self._body = body if isinstance(body, Body) else None
         self.frame, self._time_us, self._odd = bodies.frame, bodies.time_us, ""
-        self._new_ns = self._told_ns = arrival_ns
+        self._new_ns = self._reported_ns = arrival_ns
         return True
 
     def overdue(self, arrival_ns: int) -> str:
@@ -355,9 +355,9 @@ class _Freshness:
         if self._new_ns is None:
             self._new_ns = arrival_ns
         age_ns = arrival_ns - self._new_ns
-        if age_ns <= STALE_PERIODS * self._period_ns or arrival_ns - self._told_ns < self._period_ns:
+        if age_ns <= STALE_PERIODS * self._period_ns or arrival_ns - self._reported_ns < self._period_ns:
             return ""
-        self._told_ns = arrival_ns
+        self._reported_ns = arrival_ns
         return f"{self._odd or 'no new frame'} for {age_ns / 1e6:.0f} ms"
 
     def _learn(self, bodies: Component) -> None:

@@ -130,7 +130,7 @@ class CombinedApi:
         self.alerts, self.new_alerts, self.system_status = BUMPED * self.bumped, BUMPED * self.bumped, 0
         self.hold_s: float | None = None
         self._counter_zero = 0
-        self._told: int | None = None
+        self._sent_frame: int | None = None
 
     def answer(self, line: bytes, t_s: float, monitor: bool = False) -> bytes:
         """The reply to one request with its CR, at world time t_s. A new line speed holds only after the reply.
@@ -379,7 +379,7 @@ class CombinedApi:
             raise _RefuseError(0x23)
         if arguments == "80":
             self._counter_zero = int(t_s * self.counter_hz * self._rate)
-        self.mode, self._told = Mode.TRACKING, None
+        self.mode, self._sent_frame = Mode.TRACKING, None
         return "OKAY"
 
     def _tstop(self, _: str, __: float) -> str:
@@ -422,9 +422,9 @@ class CombinedApi:
         except ValueError:
             raise _RefuseError(0x23) from None
         frame = self.frame(t_s)
-        if frame == self._told:
+        if frame == self._sent_frame:
             return bx2.encode_bx2(())
-        self._told = frame
+        self._sent_frame = frame
         alerts = tuple(bx2.Alert(*code) for bit, code in _BX2_ALERTS.items() if self.alerts & bit)
         magnetic = self.model.electromagnetic
         return bx2.encode_bx2(

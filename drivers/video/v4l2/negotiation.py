@@ -194,7 +194,7 @@ def _quick_enough(node: Node, requested: RequestedFormat, known: list[str]) -> s
         format_ = _requested_format(node, requested, code)
         if not node.allows(abi.S_FMT, format_) or format_.pix.pixelformat != abi.fourcc(code):
             continue
-        rates_hz[code] = _told_hz(node, requested.rate_hz)[0]
+        rates_hz[code] = _reported_hz(node, requested.rate_hz)[0]
         if not rates_hz[code] < wanted_hz * (1 - _RATE_TOLERANCE):  # one that is not told is no reason to go on
             return code
     return max(rates_hz, key=rates_hz.__getitem__, default=known[0])
@@ -225,7 +225,7 @@ def _offered(node: Node) -> list[str]:
     return found
 
 
-def _told_hz(node: Node, rate_hz: float | None) -> tuple[float, bool]:
+def _reported_hz(node: Node, rate_hz: float | None) -> tuple[float, bool]:
     """(rate of the format in force once it was asked for one, whether the driver reports rates at all); NaN where it is
     not told.
     """
@@ -235,15 +235,15 @@ def _told_hz(node: Node, rate_hz: float | None) -> tuple[float, bool]:
     if rate_hz is not None and parameters.capability & abi.CAP_TIMEPERFRAME:
         parameters.numerator, parameters.denominator = 1000, round(rate_hz * 1000)
         node.must(abi.S_PARM, parameters, "does not take a rate")
-    told_hz = parameters.denominator / parameters.numerator if parameters.numerator else math.nan
-    return told_hz or math.nan, True
+    reported_hz = parameters.denominator / parameters.numerator if parameters.numerator else math.nan
+    return reported_hz or math.nan, True
 
 
 def _set_rate(node: Node, rate_hz: float | None) -> tuple[float, tuple[str, ...]]:
     """(rate by the driver's word, remarks). A rate that the device rounds or cannot choose is said, not refused."""
-    told_hz, tells = _told_hz(node, rate_hz)
-    if not tells:
+    reported_hz, reports = _reported_hz(node, rate_hz)
+    if not reports:
         return math.nan, ("its rate cannot be chosen",) if rate_hz is not None else ()
-    if rate_hz is not None and abs(told_hz - rate_hz) > _RATE_TOLERANCE * rate_hz:
-        return told_hz, (f"{rate_hz:g} pictures per second were asked for, it gives {told_hz:g}",)
-    return told_hz, ()
+    if rate_hz is not None and abs(reported_hz - rate_hz) > _RATE_TOLERANCE * rate_hz:
+        return reported_hz, (f"{rate_hz:g} pictures per second were asked for, it gives {reported_hz:g}",)
+    return reported_hz, ()
