@@ -273,7 +273,7 @@ def _pattern(template: str) -> re.Pattern[str]:
 _PATTERNS = {english: _pattern(english) for english in GERMAN if re.search(r"{\w+}", english)}
 
 
-def told(text: str, language: str) -> str:
+def translated_text(text: str, language: str) -> str:
     """A text of the running service in one of LANGUAGES; whole in that language, else the English text itself."""
     if language == "en":
         return text

@@ -5,7 +5,7 @@ from math import floor, log10
 from typing import Any
 
 from appliance.core.parameters import MEASURED
-from appliance.supervision.languages import told
+from appliance.supervision.languages import translated_text
 from appliance.types import Fault
 from tools.page.wording import figures
 
@@ -27,7 +27,7 @@ def bars(checks: Sequence[Mapping[str, Any]], language: str) -> list[Row]:
 
 
 def _row(name: str, check: Mapping[str, Any] | None, language: str) -> Row:
-    row: Row = {"name": name, "title": told(name, language), "text": "–", "limit": "", "mark": "missing"}
+    row: Row = {"name": name, "title": translated_text(name, language), "text": "–", "limit": "", "mark": "missing"}
     row |= {"share": None, "sigma_share": None, "age_s": None, "max_age_s": None}
     if check is None:
         return row

@@ -12,9 +12,9 @@ _BACK = "not verified, the calibration before is in force: "
 _BACK_DE = "nicht bestätigt, die Kalibrierung davor ist in Kraft: "
 
 
-def told(text: str, language: str) -> str:
+def translated_text(text: str, language: str) -> str:
     """In the language, with its decimal sign; as it was where it cannot be told whole."""
-    said = languages.told(text, language)
+    said = languages.translated_text(text, language)
     return said if said == text else figures(said, language)
 
 
@@ -32,12 +32,12 @@ def worded(event: dict[str, Any], language: str) -> dict[str, Any]:
     event["alarms"] = _alarms(event["alarms"], language)
     event["recalibration"] = _recalibration(event["recalibration"], language)
     if status is not None:
-        event["status"] = {**status, "reason": told(status["reason"], language)}
+        event["status"] = {**status, "reason": translated_text(status["reason"], language)}
     return event
 
 
 def _titled(one: dict[str, Any], language: str) -> dict[str, Any]:
-    return {**one, "title": told(one["name"], language), "unit": told(one["unit"], language)}
+    return {**one, "title": translated_text(one["name"], language), "unit": translated_text(one["unit"], language)}
 
 
 def _alarms(alarms: dict[str, Any], language: str) -> dict[str, Any]:
@@ -46,7 +46,7 @@ def _alarms(alarms: dict[str, Any], language: str) -> dict[str, Any]:
 
 def _entry(entry: dict[str, Any], language: str) -> dict[str, Any]:
     """State and reason in one language."""
-    said = [told(entry[name], language) for name in ("state", "reason")]
+    said = [translated_text(entry[name], language) for name in ("state", "reason")]
     if entry["reason"] and said[1] == entry["reason"]:
         return entry
     return {**entry, "state": said[0], "reason": said[1]}
@@ -61,7 +61,7 @@ def _recalibration(fields: dict[str, Any], language: str) -> dict[str, Any]:
 
 def _message(message: str, language: str) -> str:
     if language == "en" or not message.startswith(_BACK):
-        return told(message, language)
+        return translated_text(message, language)
     state, _, reason = message.removeprefix(_BACK).partition(": ")
-    said = told(reason, language)
-    return message if said == reason else f"{_BACK_DE}{told(state, language)}: {said}"
+    said = translated_text(reason, language)
+    return message if said == reason else f"{_BACK_DE}{translated_text(state, language)}: {said}"

@@ -14,7 +14,7 @@ from rich.style import Style
 from rich.table import Table
 from rich.text import Text
 
-from appliance.supervision.languages import told, translated
+from appliance.supervision.languages import translated, translated_text
 from appliance.types import Fault, State
 from tools.shared.gesture_drawings import drawn
 from tools.shared.plain_text import shown
@@ -96,7 +96,7 @@ class _Checks:
 
     def __init__(self, checks: list[_Check], trends: Mapping[str, tuple[float, ...]], language: str) -> None:
         self._checks, self._trends = checks, trends
-        self._names = [shown(told(check["name"], language)) for check in checks]
+        self._names = [shown(translated_text(check["name"], language)) for check in checks]
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         widest = max(map(len, self._names), default=0)
@@ -156,7 +156,7 @@ def _words(status: Status) -> dict[str, str]:
 
 
 def _title(status: Status) -> str:
-    return shown(told(status["state"], _language(status))).upper()
+    return shown(translated_text(status["state"], _language(status))).upper()
 
 
 def _state(status: Status) -> Panel:
@@ -175,7 +175,7 @@ def _advice(status: Status) -> str:
     """
     if status["fault"] not in (None, Fault.UNDECIDED):
         return shown(status["remedy"])
-    reason = told(status["reason"], _language(status))
+    reason = translated_text(status["reason"], _language(status))
     return "" if reason in status["text"] or reason == status["remedy"] else shown(reason)
 
 
@@ -221,7 +221,10 @@ def _rates(status: Status) -> Text:
 def _carried(status: Status) -> list[Text]:
     """What is not shown by the present motion, with its age and the age that it may have."""
     own = [check for check in status["checks"] if check.get("carried")]
-    ages = (f"{told(one['name'], _language(status))} {one['shown_age_s']:.0f}/{one['max_age_s']:.0f} s" for one in own)
+    ages = (
+        f"{translated_text(one['name'], _language(status))} {one['shown_age_s']:.0f}/{one['max_age_s']:.0f} s"
+        for one in own
+    )
     line = _words(status)["carried"].format(names=", ".join(ages))
     return [Text(shown(f"{_CARRIED} {line}"), style="cyan")] if own else []
 
@@ -253,7 +256,7 @@ def _remarks(status: Status) -> list[Text]:
     lost = [f"{device}: {what}" for device, what in status["lost"].items()]
     ended = [] if status["estimator"] is None else [f"estimator: {status['estimator']}"]
     given_up = (status.get("recalibration") or {}).get("ended")
-    back = ", ".join(told(one["name"], _language(status)) for one in status["devices"] if is_recovering(one))
+    back = ", ".join(translated_text(one["name"], _language(status)) for one in status["devices"] if is_recovering(one))
     said = [
         *([_words(status)["recovering"].format(names=back)] if back else []),
         *status["notices"],

@@ -8,7 +8,7 @@ from appliance.service.control.event_log import EventLog
 from appliance.storage.alarm_chain import Event
 from appliance.storage.calibration_file import image_to_probe
 from appliance.storage.reference import Reference
-from appliance.supervision.languages import told
+from appliance.supervision.languages import translated_text
 from appliance.types import AlarmState, State, Verdict
 
 
@@ -49,7 +49,7 @@ class Proposals:
         X = proposal.calibration
         return {
             **proposal_fields(proposal),
-            "text": told(proposal.text, language),
+            "text": translated_text(proposal.text, language),
             "image_to_probe": None if X is None else image_to_probe(X).tolist(),
         }
 

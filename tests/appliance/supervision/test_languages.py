@@ -23,7 +23,7 @@ from appliance.supervision.alarms import (
     PARTLY_EARLIER,
     SIGNALS,
 )
-from appliance.supervision.languages import GERMAN, told
+from appliance.supervision.languages import GERMAN, translated_text
 from appliance.supervision.watchers.device_health import DeviceHealth, Timeouts
 from appliance.supervision.watchers.devices import watch_devices
 from appliance.types import PARAMETERS, Check, Fault, PointError, Rival, State, VerdictKind
@@ -134,7 +134,7 @@ def checks(**values: tuple[float, float, VerdictKind]) -> tuple[Check, ...]:
     ],
 )
 def test_every_reason_is_told_in_german(reason: str) -> None:
-    german = told(reason, "de")
+    german = translated_text(reason, "de")
     assert german != reason
     assert not re.search(r"\b(limit|not|its|shown|verified|scale|picture|probe)\b", german), german
     assert re.findall(r"[-+]?\d[\d.]*", german) == re.findall(r"[-+]?\d[\d.]*", reason)
@@ -150,5 +150,5 @@ def test_every_reason_is_told_in_german(reason: str) -> None:
     ],
 )
 def test_what_is_unknown_stays_english_as_a_whole(text: str) -> None:
-    assert told(text, "de") == text
-    assert told(text, "en") == text
+    assert translated_text(text, "de") == text
+    assert translated_text(text, "en") == text

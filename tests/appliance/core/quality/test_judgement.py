@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from appliance.core.quality.judgement import Judgement, bounded, judge
 from appliance.core.quality.verification import Contradiction, VerificationStatus
 from appliance.limits import Limits
-from appliance.supervision.languages import told
+from appliance.supervision.languages import translated_text
 from appliance.types import Check, Fault, Kind, PointError, Verdict, VerdictKind
 
 OK, FAULT, NOT_VERIFIED = VerdictKind.OK, VerdictKind.FAULT, VerdictKind.NOT_VERIFIED
@@ -193,7 +193,7 @@ def test_beyond_the_limit_and_where_it_is_not_known_the_ok_is_withheld(point: Po
     verdict = bounded(judge(7, HEALTHY, VERIFIED), point, 2.5)
     assert (verdict.kind, verdict.fault, verdict.reason) == (NOT_VERIFIED, None, said)
     assert (verdict.verified_ns, verdict.expires_ns, verdict.point) == (None, None, point)
-    assert told(said, "de") == said.replace("error of a point", "Fehler eines Punktes").replace(
+    assert translated_text(said, "de") == said.replace("error of a point", "Fehler eines Punktes").replace(
         "limit", "Grenze"
     ).replace("not known", "unbekannt")
 

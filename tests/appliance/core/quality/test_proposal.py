@@ -10,7 +10,7 @@ from appliance.core.parameters import MEASURED, QUANTITIES, class_of
 from appliance.core.quality.examination import examine
 from appliance.core.quality.proposal import Step, propose
 from appliance.limits import Limits
-from appliance.supervision.languages import told
+from appliance.supervision.languages import translated_text
 from appliance.types import Check, Fault, VerdictKind
 from drivers.rigid import rotation_from_vector
 from tests.support.motions import TRUTH, planar_path, tilting_path
@@ -49,7 +49,7 @@ def test_only_scale_and_zeta_demand_a_recalibration(name: str) -> None:
     assert found.steps == ((Step.RECALIBRATE,) if recalibrate else (Step.TAKE_X,))
     assert (found.calibration is None) == recalibrate
     assert found.about == (name,)
-    assert told(found.text, "de") != found.text
+    assert translated_text(found.text, "de") != found.text
 
 
 def test_the_numbers_are_those_of_the_calibration() -> None:

@@ -11,7 +11,7 @@ from appliance.core.quality.sequential_test import Accusation
 from appliance.core.quality.undecided import Choice, undecided
 from appliance.core.quality.verification import Contradiction, VerificationStatus
 from appliance.limits import NAMED_NATS, Limits
-from appliance.supervision.languages import told
+from appliance.supervision.languages import translated_text
 from appliance.types import Check, Fault, Rival, VerdictKind
 from drivers.rigid import Array
 from tests.appliance.core.quality.test_sequential_test import SLID, in_step, in_turn
@@ -57,7 +57,7 @@ def test_the_verdict_is_a_fault_that_tells_both_names_and_the_motion_that_tells_
         "one of these is wrong, 2.1 nat apart: scale-lateral, offset-axial; "
         "to tell which: slide it sideways, 10 mm to and fro + rock it in the picture's plane, 8° each way"
     )
-    assert told(verdict.reason, "de").startswith(
+    assert translated_text(verdict.reason, "de").startswith(
         "eines davon ist falsch, 2.1 nat auseinander: Maßstab lateral, Versatz"
     )
 
