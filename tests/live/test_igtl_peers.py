@@ -25,11 +25,11 @@ from drivers.openigtlink.message import Message
 from drivers.registry import open_tracker, open_video
 from drivers.samples import PoseStatus
 from tests.support.answering import Answering
+from tests.support.example_status import MATRIX, OPEN, example_status
 from tests.support.igtl_listener import Listener
 from tests.support.polling import until
+from tests.support.scripted_feed import ScriptedFeed
 from tests.support.simulated import PROBEWATCH
-from tests.support.told_feed import ToldFeed
-from tests.support.told_status import MATRIX, OPEN, told_status
 from tools.openigtlink.passage import Passage
 from tools.openigtlink.server import StateServer
 from tools.shared.status_watch import StatusWatch
@@ -100,7 +100,7 @@ def relay(*arguments: str) -> Iterator[int]:
 def state_server(folder: Path, unasked: bool = False) -> Iterator[tuple[Answering, StateServer]]:
     stop = Event()
     with (
-        Answering(folder / "control", told_status) as service,
+        Answering(folder / "control", example_status) as service,
         StatusWatch(service.path, 0.05) as watch,
         Passage(folder / "feed", print) as passage,
         StateServer(("127.0.0.1", 0), watch, 0.05, passage, unasked=unasked) as server,
@@ -154,7 +154,7 @@ def test_pyigtl_reads_our_state(tmp_path: Path) -> None:
 @contextmanager
 def shown(folder: Path) -> Iterator[StateServer]:
     """A server that passes through, to everybody, a feed of 30 pictures and 30 poses a second."""
-    feed, ended = ToldFeed(folder / "feed", (640, 480)), Event()
+    feed, ended = ScriptedFeed(folder / "feed", (640, 480)), Event()
 
     def show() -> None:
         while not ended.wait(1 / 30):

@@ -58,10 +58,10 @@ from drivers.twins.relay_board import Change
 from drivers.twins.scene.trajectory import USUAL_PROGRAM
 from drivers.twins.scene.world import World, WorldSettings
 from tests.support.boards import running_board
+from tests.support.manual_clock import SteppedClock, TimelessClock
 from tests.support.polling import until
 from tests.support.sessions import kept
 from tests.support.stand_in_daemon import TrustingLine
-from tests.support.told_clock import SteppedClock, TimelessClock
 
 SIZE_PX = (640, 480)
 FPS, POSES_HZ = 10, 20

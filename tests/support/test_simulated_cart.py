@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.support.manual_clock import SteppedClock
 from tests.support.simulated_cart import SimulatedCart
-from tests.support.told_clock import SteppedClock
 
 
 def day(folder: Path) -> tuple[object, ...]:

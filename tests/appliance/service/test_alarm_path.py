@@ -13,8 +13,8 @@ from appliance.storage.alarm_chain import MEMORY, read_log
 from drivers.twins.relay_board import RelayBoard
 from tests.support.answers import Answer, answered
 from tests.support.boards import running_board
+from tests.support.manual_clock import TimelessClock
 from tests.support.simulated_cart import SimulatedCart
-from tests.support.told_clock import TimelessClock
 
 ALARM_S = 2.0
 

@@ -11,8 +11,8 @@ from drivers.clock.host_clock import HostClock
 from drivers.errors import ConfigurationError, DeviceLost
 from drivers.outputs.tone import RATE_HZ, tone
 from drivers.registry import open_output
+from tests.support.manual_clock import ManualClock
 from tests.support.polling import until
-from tests.support.told_clock import ToldClock
 
 PLAYER = pytest.mark.skipif(shutil.which("aplay") is None, reason="aplay (alsa-utils) is not installed")
 
@@ -35,7 +35,7 @@ def test_blocks_join_without_a_step() -> None:
 @PLAYER
 def test_what_the_player_hands_to_alsa_sounds_only_while_de_energised(tmp_path: Path) -> None:
     recording = tmp_path / "heard.raw"
-    clock = ToldClock()
+    clock = ManualClock()
     with open_output(f"tone:file:FILE={recording},FORMAT=raw", clock) as output:
         for energised in [True] * 6 + [False] * 8 + [True] * 6:
             output.write(energised)

@@ -33,9 +33,9 @@ from drivers.twins.fault_control import FaultControl
 from drivers.twins.faults import Schedule
 from drivers.twins.openigtlink import FAULTS, IgtlTwin
 from tests.support.answering import Answering
+from tests.support.example_status import example_status
 from tests.support.igtl_listener import Listener
-from tests.support.told_feed import ToldFeed
-from tests.support.told_status import told_status
+from tests.support.scripted_feed import ScriptedFeed
 from tools.openigtlink.passage import Passage
 from tools.openigtlink.server import StateServer
 from tools.shared.status_watch import StatusWatch
@@ -197,12 +197,12 @@ def _come_and_go(address: tuple[str, int], turn: int) -> None:
 
 
 @contextmanager
-def _served() -> Iterator[tuple[StateServer, ToldFeed]]:
+def _served() -> Iterator[tuple[StateServer, ScriptedFeed]]:
     with tempfile.TemporaryDirectory() as folder, ExitStack() as running:
         numbers = count()
-        busy = Answering(Path(folder) / "control", lambda: told_status(reason=f"answer {next(numbers)}"))
+        busy = Answering(Path(folder) / "control", lambda: example_status(reason=f"answer {next(numbers)}"))
         service = running.enter_context(busy)
-        feed = ToldFeed(Path(folder) / "feed")
+        feed = ScriptedFeed(Path(folder) / "feed")
         running.callback(feed.close)
         watch = running.enter_context(StatusWatch(service.path, 0.01))
         passage = running.enter_context(Passage(feed.path, print))

@@ -24,8 +24,8 @@ from drivers.openigtlink.content import (
     parse_words,
 )
 from drivers.openigtlink.message import HEADER_BYTES, Message, decode_body, encode, parse_header
+from tests.support.example_status import MATRIX, OPEN, example_status
 from tests.support.stopwatch import Stopwatch
-from tests.support.told_status import MATRIX, OPEN, told_status
 from tools.openigtlink.answers import TYPES, answer_to
 from tools.openigtlink.asked import USUAL_NAMES
 from tools.openigtlink.wording import fields_of, metadata_of, state_message, status_message, status_of
@@ -35,7 +35,7 @@ UTC_NS = 1_700_000_000_000_000_000
 
 
 def seen(**changes: Any) -> Seen:
-    status = told_status(**changes)
+    status = example_status(**changes)
     return Seen(status, status["t_ns"])
 
 
@@ -108,13 +108,13 @@ def test_the_string_holds_every_value_with_its_sigma() -> None:
 def test_the_string_tells_what_is_carried() -> None:
     told = {"max_age_s": 30.0, "shown": "carried", "carried": True}
     fields = json.loads(
-        parse_words(state_message(seen(checks=[told_status()["checks"][0] | told]), UTC_NS).content).text
+        parse_words(state_message(seen(checks=[example_status()["checks"][0] | told]), UTC_NS).content).text
     )
     assert {key: fields["checks"][0][key] for key in told} == told
 
 
 def test_a_string_that_would_not_fit_goes_without_its_checks() -> None:
-    many = [told_status()["checks"][0] | {"name": "x" * 200} for _ in range(1000)]
+    many = [example_status()["checks"][0] | {"name": "x" * 200} for _ in range(1000)]
     words = parse_words(state_message(seen(checks=many), UTC_NS).content)
     assert json.loads(words.text)["checks"] == []
 

@@ -17,11 +17,11 @@ from drivers.openigtlink.image import grey_picture, parse_image
 from drivers.openigtlink.message import Message, encode
 from drivers.samples import PoseStatus
 from tests.support.answering import Answering
+from tests.support.example_status import example_status
 from tests.support.igtl_listener import Listener
 from tests.support.polling import until
+from tests.support.scripted_feed import ScriptedFeed, unread
 from tests.support.stopwatch import Stopwatch
-from tests.support.told_feed import ToldFeed, unread
-from tests.support.told_status import told_status
 from tools.openigtlink import asked
 from tools.openigtlink.asked import USUAL_NAMES
 from tools.openigtlink.passage import Passage
@@ -36,8 +36,8 @@ class Bench:
         self.said: list[str] = []
         self._running = ExitStack()
         enter = self._running.enter_context
-        self.service = enter(Answering(folder / "control", told_status))
-        self.feed = ToldFeed(folder / "feed", size_px)
+        self.service = enter(Answering(folder / "control", example_status))
+        self.feed = ScriptedFeed(folder / "feed", size_px)
         self._running.callback(self._close_feed)
         self.watch = enter(StatusWatch(self.service.path, EVERY_S))
         passage = enter(Passage(self.feed.path, self.said.append))
@@ -207,7 +207,7 @@ def test_a_feed_that_ends_is_said_once_and_comes_back(
         assert parse_status(client.until("STATUS", "ProbeToTracker").content).code == NOT_PRESENT
         client.listen(0.2)
         assert len([one for one in client.heard if one.device == "Image"]) <= 2
-        bench.feed = ToldFeed(tmp_path / "feed")
+        bench.feed = ScriptedFeed(tmp_path / "feed")
         bench.show(client, "IMAGE")
         assert [said.partition(":")[0] for said in bench.said] == [
             "no pictures or poses",

@@ -15,11 +15,11 @@ from drivers.errors import ConfigurationError
 from drivers.openigtlink.content import OK, TIMEOUT, Status, parse_status
 from drivers.openigtlink.message import Message, encode
 from tests.support.answering import Answering
+from tests.support.example_status import OPEN, example_status
 from tests.support.igtl import good_bytes
 from tests.support.igtl_listener import Listener
 from tests.support.polling import until
 from tests.support.stopwatch import Stopwatch
-from tests.support.told_status import OPEN, told_status
 from tools.cli import probewatch
 from tools.openigtlink.passage import Passage
 from tools.openigtlink.server import StateServer
@@ -40,7 +40,7 @@ class Bench:
 def bench(tmp_path: Path) -> Iterator[Bench]:
     stop = Event()
     with (
-        Answering(tmp_path / "control", told_status) as service,
+        Answering(tmp_path / "control", example_status) as service,
         StatusWatch(service.path, EVERY_S) as watch,
         Passage(tmp_path / "feed", print) as passage,
         StateServer(("127.0.0.1", 0), watch, EVERY_S, passage) as server,

@@ -39,11 +39,11 @@ from drivers.trackers.optotrak.rtc3d import (
 from drivers.trackers.optotrak.tracker import open_tracker, parse_options
 from drivers.twins.scene.world import World
 from drivers.twins.tool_motion import PROBE, REFERENCE
+from tests.support.manual_clock import ManualClock
 from tests.support.optotrak_logs import LOGS, OPTIONS, play
 from tests.support.simulated import PROBEWATCH
 from tests.support.simulated_optotrak import Bench, bench, moving, poses, until
 from tests.support.stopwatch import Stopwatch
-from tests.support.told_clock import ToldClock
 
 SESSION = [
     "Version 1.0",
@@ -367,7 +367,7 @@ def test_a_server_that_does_not_play_along_is_named(script: list[bytes], words: 
 
 def test_stamps_are_true_although_frames_come_late_and_the_clocks_differ() -> None:
     """60 frames per second, 100 ppm fast, delays of 16 ms mean and bursts to 70 ms."""
-    chance, clock = np.random.default_rng(5), ToldClock()
+    chance, clock = np.random.default_rng(5), ManualClock()
     begin_ns, errors_ns, bounds_ns, last_ns = clock.now_ns(), [], [], 0
     with hand_made(*[reply(text) for text in "123"]) as (target, lines), open_tracker(target, {}, clock) as tracker:
         for number in range(1, 2400):

@@ -14,7 +14,7 @@ _LOOK_S = 0.002
 
 
 @dataclass(frozen=True, slots=True)
-class ToldClock(HostClock):
+class ManualClock(HostClock):
     """Shows the nanoseconds that the test has told it."""
 
     told_ns: list[int] = field(default_factory=lambda: [1_000_000_000_000])
@@ -24,7 +24,7 @@ class ToldClock(HostClock):
 
 
 @dataclass(frozen=True, slots=True)
-class TimelessClock(ToldClock):
+class TimelessClock(ManualClock):
     """Of a simulated device: what it sends is there at once."""
 
     def sleep_until(self, t_ns: int) -> None:
@@ -40,7 +40,7 @@ class _Wait:
 
 
 @dataclass(frozen=True, slots=True)
-class SteppedClock(ToldClock):
+class SteppedClock(ManualClock):
     """Threads wait on it for a time or an event; the test moves it once all of them do.
 
     So each moment has passed in every thread before the next one begins, however slow the computer is.

@@ -22,7 +22,7 @@ SHIFT_NS = 40_000_000
 """Samples were true so long before they are told."""
 
 
-class ToldFeed:
+class ScriptedFeed:
     """path: of its socket. clients, wanted: who listen now, and what they want (see the tap)."""
 
     def __init__(self, path: Path, size_px: tuple[int, int] = (64, 48)) -> None:

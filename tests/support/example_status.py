@@ -6,7 +6,7 @@ from typing import Any
 MATRIX = [[0.08, 0.0, 0.0, -25.0], [0.0, 0.07, 0.0, -17.0], [0.0, 0.0, 1.0, 3.5], [0.0, 0.0, 0.0, 1.0]]
 
 
-def told_status(**changes: Any) -> dict[str, Any]:
+def example_status(**changes: Any) -> dict[str, Any]:
     """Of a verified cart, with changes."""
     check = {"name": "scale-axial", "fault": "scale", "value": 0.4, "sigma": 0.1, "unit": "%", "limit": 5.0,
              "ratio": 0.08, "verdict": "OK", "shown_age_s": 2.5}  # fmt: skip
