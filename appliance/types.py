@@ -264,7 +264,7 @@ class PointError:
     """How far what the picture shows at a place may be from where the reference puts it in the room, mm.
 
     Each bound is given twice, for each of `POINT_LEVELS` of what the motion leaves open. worst_mm, median_mm: over
-    the region of the picture. depth_mm, at_depth_mm: a depth that somebody named, from the top of the picture, and the
+    the region of the picture. depth_mm, at_depth_mm: a depth that a person named, from the top of the picture, and the
     worst there; None where none was named. shown_ns: time of the oldest motion that the bounds rest on.
     """
 

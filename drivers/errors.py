@@ -1,6 +1,6 @@
 """Every refusal names what is wrong, where, and what to do; the exit codes are those of sysexits.h.
 
-They quote what devices and files say, so their words are made printable here, whoever shows them.
+They quote what devices and files say, so their words are made printable here.
 """
 
 import errno

@@ -32,7 +32,7 @@ class PoseStatus(Enum):
     """What a tracker says of one pose; only OK carries numbers into the line.
 
     FAULT: it says itself that it is not well. NOT_UNDERSTOOD: what came is neither a rigid pose nor a word that we
-    know, and nobody can say whose fault that is.
+    know, and it is open whose fault that is.
     """
 
     OK = "ok"
@@ -49,7 +49,7 @@ class PoseStatus(Enum):
 class Frame:
     """One B-mode picture. sequence counts what the device sent, so a gap is a loss.
 
-    image: nobody writes to it any more; it may be a view with strides: a part of a larger picture, or turned.
+    image: never written to again; it may be a view with strides: a part of a larger picture, or turned.
     """
 
     stamp: Stamp
@@ -85,7 +85,7 @@ class Pose:
 
 @dataclass(frozen=True, slots=True)
 class MarkerBody:
-    """How well the probe, and the reference if there is one, can be measured at present; None where nobody knows.
+    """How well the probe, and the reference if there is one, can be measured at present; None where it is not known.
 
     fit_mm: RMS of the markers around the pose. shape_mm: RMS of the markers around the definition of the body, however
     it lies. indicator: quality of an electromagnetic measurement, in the tracker's own unit; it rises with distortion.

@@ -166,7 +166,7 @@ class Control(_Section):
     """The Unix socket through which tools speak to the service; its path is bounded by the kernel.
 
     viewers: users who may read status and feed without pictures, and request nothing, whatever group they are in; one
-    that does not exist is nobody.
+    that does not exist has no rights.
     """
 
     socket: Annotated[_Place, AfterValidator(_bindable)] = Path("/run/probewatch/control")

@@ -330,7 +330,7 @@ class Line:
         return tuple(check for detector in self._detectors for check in detector.checks())
 
     def _lose_sight(self, t_ns: int) -> None:
-        """Whoever stands still for long may go on anywhere: the chain ends here."""
+        """End the chain: a probe that rests for long may go on anywhere."""
         self._tracker.restart()
         self._averaging.restart()
         self._poses_before.clear()

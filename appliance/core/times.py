@@ -1,7 +1,7 @@
 """Times that more than one module of the core goes by: what was chosen, and what follows from it.
 
 A time that a single module knows stands there. One that follows from another is written as a share of it, so that
-whoever changes the first moves all that rests on it.
+a change of the first changes all that is derived from it.
 """
 
 from appliance.limits import SWEPT_AGE_S

@@ -42,7 +42,7 @@ for a hand that turned back; more let a technician scan in vain for longer.
 _MOST = 1e6
 """mm, px, s: a kilometre off is no place of a probe, and its squares would drown all others."""
 _UNKNOWN_LATENCY_S = 0.1
-"""Prior of the latency where nobody says: what trackers on carts have, and the shipped limit's 60 ms within it."""
+"""Prior of the latency where none is stated: what trackers on carts have, and the shipped limit's 60 ms within it."""
 _LARGEST_LATENCY_SIGMA_S = 0.02
 """At 5 mm/s a tenth of a millimetre. More lets ζ move with the direction of the passages."""
 

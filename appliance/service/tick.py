@@ -1,4 +1,4 @@
-"""One tick of the service, 20 times a second and whenever the estimator speaks. It waits for nobody."""
+"""One tick of the service, 20 times a second and at each report of the estimator. It never blocks."""
 
 from appliance.service.control.estimate_notes import EstimateNotes
 from appliance.service.control.event_log import EventLog

@@ -3,7 +3,7 @@
 A folder holds segments `alarms-NNNNNNNN.jsonl`, named by the number of their first entry, and `alarm-memory.json`. Each
 entry carries the SHA-256 of its own content, which includes the digest of the entry before it, so an entry that was
 changed, taken out or put in breaks the chain; the memory holds number and digest of the last entry, so a log that was
-cut short shows as well. It shows accidents and careless hands; whoever may write to the folder and knows this format
+cut short shows as well. It shows accidents and careless hands; one who may write to the folder and knows this format
 can make a new chain, which the digests in the system journal would contradict.
 """
 

@@ -14,7 +14,7 @@ from drivers.printable import printable
 _LEAST_OFFSET_S = 0.0005
 """An offset that is worth a word: half of the last digit of latency_ms as a person gives it. Less is PLUS's 0."""
 _MOST_REMARKS = 8
-"""Remarks on one file: a device set has a handful of devices, and nobody reads more than a screen."""
+"""Remarks on one file: a device set has a handful of devices, and more than a screen is not read."""
 
 
 def clip_px(content: bytes) -> tuple[int, int, int, int] | None:

@@ -231,7 +231,7 @@ class Ledger:
 
     @property
     def integrity_broken(self) -> bool:
-        """Alarm memory or alarm log are damaged, and nobody has acknowledged it."""
+        """Alarm memory or alarm log are damaged, and no person has acknowledged it."""
         return self.integrity.active
 
     @property

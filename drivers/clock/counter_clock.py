@@ -213,7 +213,7 @@ class DeviceClock:
         late_ns = self._later_than_usual_ns(device_ns, arrival_ns)
         went_back = device_ns - self._zero_ns < self._device_ns
         self._came_back = late_ns <= 0
-        before = self._before  # which `_doubted_ns` forgets once nobody has to doubt it
+        before = self._before  # which `_doubted_ns` forgets once there is no doubt
         if late_ns > 0 and not went_back:
             level_ns = self._origin_ns + self._level_ns
             self._before = before or _Line(self._zero_ns, level_ns, self._slope, self._skew, arrival_ns)

@@ -1,4 +1,4 @@
-"""Files that people name, opened only where they are files: no device is touched, and nobody waits for a writer.
+"""Files that people name, opened only where they are files: no device is touched, and no writer is waited for.
 
 What is refused is an OSError whose strerror says why, so it is reported like any other file that cannot be opened.
 """

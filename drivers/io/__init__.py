@@ -1,1 +1,1 @@
-"""What carries bytes, whoever speaks: serial ports, TCP, byte logs, and what is connected to this host."""
+"""What carries bytes, for every protocol: serial ports, TCP, byte logs, and what is connected to this host."""

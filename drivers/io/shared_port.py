@@ -77,7 +77,7 @@ def _gate(path: str) -> threading.Lock:
 
 
 def shared_port(path: str, baud: int) -> SharedPort:
-    """The open port of that path, or a new one; whoever takes it gives it back. Raises DeviceLost."""
+    """The open port of that path, or a new one; each user gives it back. Raises DeviceLost."""
     real = str(Path(path).resolve())
     with _gate(real):
         port = _open.get(real)

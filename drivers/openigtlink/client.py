@@ -19,7 +19,7 @@ FOLLOW_REMEDY = "Have the sender follow the protocol: content, lengths, and the 
 """For messages that are wanted and come damaged, all of them."""
 
 _CONNECT_S = 2.0
-"""For name and connection. More delays word that nobody is there."""
+"""For name and connection. More delays the report that no server is there."""
 
 _CHUNK_BYTES = 1 << 18
 """Read at a time: most of a picture of 640 × 480. Less takes more calls, more only memory."""

@@ -1,4 +1,4 @@
-"""A stream of bytes, cut into messages: what nobody wants is counted and never kept."""
+"""A stream of bytes, cut into messages: what is not wanted is counted and never kept."""
 
 from collections import deque
 from collections.abc import Callable
@@ -19,8 +19,8 @@ class Arrived:
 class MessageStream:
     """Holds the parts of one message at most, and the whole ones of one call of `add`.
 
-    skipped: messages that nobody wanted. refused: wanted ones that were damaged. whole: messages of any kind that have
-    come to their end.
+    skipped: messages that were not wanted. refused: wanted ones that were damaged. whole: messages of any kind that
+    have come to their end.
     """
 
     def __init__(self, wanted: Callable[[Header], bool], where: str = "") -> None:

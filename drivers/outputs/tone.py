@@ -36,7 +36,7 @@ after a pause. More sounds and falls silent later, less has gaps. Not measured o
 
 _HARMONICS = (1.0, 0.7, 0.5, 0.35, 0.25)
 """Amplitudes of fundamental and partials. IEC 60601-1-8 asks for four partials within 15 dB of the fundamental;
-tests/drivers/outputs/test_tone.py measures it. Nobody has compared how other rows sound."""
+tests/drivers/outputs/test_tone.py measures it. How other rows sound was not compared."""
 
 _LEVEL = 0.5
 """Share of full scale, for the peak of all partials together. The volume is the sound card's; the rest is headroom,

@@ -24,8 +24,8 @@ from drivers.files.regular_file import reading
 MAGIC = b"\x89MCAP0\r\n"
 
 _CHUNK_BYTES = 1 << 24
-"""After which a chunk ends by itself: a second of pictures of 640 × 480 takes half. More takes memory of whoever reads
-it, less compresses worse."""
+"""After which a chunk ends by itself: a second of pictures of 640 × 480 takes half. More takes memory of the program
+that reads it, less compresses worse."""
 _MOST_CHUNK_BYTES = 1 << 26
 """Memory that one chunk of a file may ask for: one picture beyond a full chunk. A damaged or hostile length asks for
 any amount."""

@@ -288,7 +288,7 @@ def _entries(path: Path, frames: dict[int, dict[str, str]], count: int) -> list[
 
 
 def _beside(path: Path, name: str) -> Path:
-    """The file of the pictures, in the folder of the header: a header that was sent by somebody could name any file of
+    """The file of the pictures, in the folder of the header: a header from elsewhere could name any file of
     this computer, whose bytes would be shown as pictures in a report that is passed on.
     """
     key, remedy = "ElementDataFile", "Put the file with the pictures beside the header, and name it without a folder"

@@ -65,7 +65,7 @@ def _no_pose(matrix: Matrix4) -> str:
 
 
 def _not_rigid(matrix: Matrix4) -> str:
-    """What it is instead, as somebody who wrote it would know it again; empty where it is rigid."""
+    """What it is instead, as its author would recognise it; empty where it is rigid."""
     R = matrix[:3, :3]
     if np.abs(matrix[3] - [0, 0, 0, 1]).max() > _ROTATION_TOLERANCE:
         transposed = np.abs(matrix[:, 3] - [0, 0, 0, 1]).max() <= _ROTATION_TOLERANCE

@@ -52,7 +52,7 @@ FAULTS = (
     "witness-missing",
 )
 """stall: open connections, and not a word more. mute: pictures and poses end, questions are answered. unplug:
-connections end and nobody listens. reset, clock-jump: at their beginning, the sender's clock by an hour. bad-crc,
+connections end and new ones are refused. reset, clock-jump: at their beginning, the sender's clock by an hour. bad-crc,
 garbage: of every message, or between them. split: segments of 37 bytes. untimed: time 0. repeat: the last pose again
 and again. complain: STATUS says not ready. identity, left-out: what a server sends of a tool that is not seen, in
 place of PLUS's words. old-header: version 1, without metadata. bend-witness, witness-missing: of the second body."""

@@ -93,8 +93,8 @@ class PtyLine:
     def unplug(self) -> None:
         """The host's reads end in an error from now on, and the link is gone, as when the adapter is pulled.
 
-        The link goes first: the kernel gives the number of a closed pseudo-terminal to whoever asks next, and the host
-        would open another one's device by it.
+        The link goes first: the kernel gives the number of a closed pseudo-terminal to the next program that asks, and
+        the host would open another one's device by it.
         """
         with suppress(OSError):
             if str(self._link.readlink()) == self._name:

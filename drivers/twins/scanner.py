@@ -70,7 +70,7 @@ class VideoPlug:
         self._door = self._viewer = None
 
     def send(self, frame: bytes) -> bool:
-        """False when nobody watches. A viewer that does not take a frame within half a second is dropped."""
+        """False when there is no viewer. A viewer that does not take a frame within half a second is dropped."""
         while self._viewer is not None or self._accept():
             assert self._viewer is not None
             try:

@@ -74,7 +74,7 @@ class TcpLine:
         return b""
 
     def write(self, data: bytes, baud: int, start_ns: int) -> None:
-        """Send at once to whom read() heard last; whoever does not take it is dropped."""
+        """Send at once to the client that read() heard last; one that does not take it is dropped."""
         self._clock.sleep_until(start_ns)
         for client in [client for client in self._clients if client.fileno() == self.source]:
             try:

@@ -50,7 +50,7 @@ class TcpServer(Generic[C]):
         self.address = self._listener.getsockname()[:2]
 
     def unplug(self) -> None:
-        """Every connection ends, and nobody listens."""
+        """End every connection and stop listening."""
         if self._listener is not None:
             self._listener.close()
         self._listener = None

@@ -18,7 +18,7 @@ _MOST_MISFIT = 16.0
 """χ² of what stretch and shift leave, of 2 or 3 numbers, by which a pair is still one picture stretched. Less misses
 what sigma is small for; more takes shadows for stretches."""
 _NARROWED = 0.02
-"""Stretch, logarithm, from which a sector that was made narrower explains as well what no arc decides; nobody makes one
+"""Stretch, logarithm, from which a sector that was made narrower explains as well what no arc decides; none is made
 narrower by less. Less misses lateral stretches whose arcs are seen badly."""
 _CONTENT_SHARE = 0.0005
 """By which opening angles and radii may differ beside their sigmas, where a picture was stretched: pixels are whole."""

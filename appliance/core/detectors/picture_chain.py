@@ -119,7 +119,7 @@ class PictureChain(Detector):
     nobody.
 
     tissue: (h, w) bool, the registration's mask, None until it is known. most_ns: for how long the chain waits for a
-    picture that goes on with it; then another begins, and whoever counts on the first must have given it up.
+    picture that goes on with it; then another begins, and a caller that counts on the first must have given it up.
     linked: whether the latest picture goes on with the chain.
     """
 
@@ -377,7 +377,7 @@ class PictureChain(Detector):
 
     def _may_be_tissue(self, astray_px: Array, view: View, last: View) -> bool:
         """Whether tissue may have gone so far by itself since the last picture, and all breaks of this chain together
-        hide no offset beyond its limit. Without poses nobody knows where it should be.
+        hide no offset beyond its limit. Without poses it is not known where it should be.
         """
         if view.pose is None or last.pose is None:
             return True

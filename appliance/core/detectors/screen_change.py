@@ -1,4 +1,4 @@
-"""Whether the scanner's screen changed beside a picture that stands: then somebody froze it, and the video is alive.
+"""Whether the scanner's screen changed beside a picture that stands: then a person froze it, and the video is alive.
 
 A grabber or a cable that fails repeats everything. A freeze key stops the tissue and shows a mark, a text or a bar for
 the frames kept, where nothing had moved before.

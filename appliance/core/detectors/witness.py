@@ -41,7 +41,7 @@ NAMED_SHARE = 0.5
 """Share of the limit, beyond which it is named: half-way, where a step as large as the limit is as far from naught as
 from itself. Less alarms for noise, more misses such a step by noise."""
 FIRST_SHARE = 1.0
-"""The same until the noise is known by a minute: before it nobody knows how the tracker errs from place to place, and
+"""The same until the noise is known by a minute: before it is not known how the tracker errs from place to place, and
 half-way alarmed in each of four hours of .2 mm of that. Less alarms for it, more misses what moves in that minute."""
 NAMED_SIGMA = 6.0
 """The same in standard deviations of a window. Three rows of noise pass 6 once in 10^7 (Maxwell, by calculation), and

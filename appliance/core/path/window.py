@@ -25,7 +25,7 @@ _BEFORE_S = 0.5
 _SPARE_NS = 2_000_000_000
 """Poses kept for longer than pictures: the latency search and the velocity reach beyond both ends of the window."""
 _MOST_NEW = 1000
-"""Poses are turned into arrays when they are asked for; where nobody asks, when there are so many."""
+"""Poses are turned into arrays when they are asked for, and unasked when there are so many."""
 _NO_TRACK = np.zeros(0, dtype=np.int64), np.zeros((0, 3)), np.zeros((0, 4))
 """Times, positions, turns."""
 

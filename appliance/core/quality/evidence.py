@@ -250,7 +250,7 @@ class Evidence:
 
     def _solving(self, window: PathWindow, now_ns: int) -> Steps[None]:
         """Examine the short window for a change, drop what came before one, and examine what is left. All of it is of
-        the motion of then, so that nothing becomes younger by being ready late; whoever forgets any of it, or takes a
+        the motion of then, so that nothing becomes younger by being ready late; what forgets any of it, or takes a
         contradiction from elsewhere, drops the rest.
 
         window: what was remembered at now_ns.

@@ -114,7 +114,7 @@ class PointWatch:
 
     def now(self, t_ns: int, status: VerificationStatus) -> PointError | None:
         """At a picture. None while it is not known: something was not observed, something speaks against the
-        calibration, or nobody knows how the hand moves.
+        calibration, or it is not known how the hand moves.
         """
         known = self._known(t_ns, status)
         return None if known is None else self._places.error(*known)

@@ -27,7 +27,7 @@ class LineReport:
     """What the line concludes from everything it was shown.
 
     unpaired: reason → number of frames without a pose. unusable: what the reader said → number of poses without a
-    number, where somebody counted them. latency: Check in ms, None where never estimated. estimate: X
+    number, where they were counted. latency: Check in ms, None where never estimated. estimate: X
     as solved, None where nothing was observed. motions: registered pairs that went into it. second_opinion: by closed
     forms, without the reference. required: names of the checks that the contact asked for. proposal: what is wrong has
     become, None where nothing is shown to be wrong. follow: of the tissue that the estimate rests on.

@@ -7,7 +7,7 @@ slow it is. Where the tissue moves under the probe, as a patient breathes, those
 was in the anchor.
 
 A rest shows that nothing has changed from its first picture to its last. So it counts for what was shown as it began,
-and no later one does: whatever was between the two, nobody saw. A late tracker shows nothing of it at rest, and spoils
+and no later one does: what was between the two was not seen. A late tracker shows nothing of it at rest, and spoils
 nothing: latency counts as watched for as long as the rest lasts.
 """
 

@@ -45,8 +45,8 @@ class Sector:
         self._count, self._seen, self._weight = 0, 0, 0.0
 
     def step(self, image: GreyImage) -> Bits | None:
-        """Where tissue may be seen in this very picture; None while nobody knows. A picture of another size, or another
-        screen, starts again.
+        """Where tissue may be seen in this very picture; None while it is not known. A picture of another size, or
+        another screen, starts again.
         """
         now = half(image)
         if self._before is not None and (self._before.shape != now.shape or self._another_screen(now)):

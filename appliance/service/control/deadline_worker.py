@@ -51,4 +51,4 @@ def _carry_out(job: Callable[[], _T], done: list[_T], failed: list[BaseException
     try:
         done.append(job())
     except BaseException as error:
-        failed.append(error)  # whoever waits for it raises it
+        failed.append(error)  # the caller that waits for it raises it

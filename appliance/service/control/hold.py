@@ -1,7 +1,7 @@
 """Who recalibrates: one at a time, and only while the connection of who began lives.
 
 A second one who began would end the first one's scan, or take a cart over that has just been verified; so he is
-refused, with the name of who holds it. A page that was killed, or that hangs, cannot end what it began, and nobody
+refused, with the name of who holds it. A page that was killed, or that hangs, cannot end what it began, and no person
 would know why the cart does not monitor: once its connection is gone, or silent too long, the recalibration is given
 up. Giving up closes nothing: the reference before is in force, and has to be verified again by motion.
 """
@@ -81,7 +81,9 @@ class Hold:
             self._begun.heard_ns = now_ns
 
     def give(self) -> None:
-        """A new calibration was taken: the service proves it by itself; nobody else begins while who gave it waits."""
+        """A new calibration was taken: the service proves it by itself; no other client begins while the one that gave
+        it waits.
+        """
         if self._begun is not None:
             self._begun.given = True
 

@@ -1,4 +1,5 @@
-"""What motion proposes and what it leaves undecided, kept for whoever comes to the cart later, and in the alarm log."""
+"""What motion proposes and what it leaves undecided, kept for the person who comes to the cart later, and in the alarm
+log."""
 
 from collections.abc import Sequence
 from typing import Any

@@ -75,7 +75,7 @@ class Recalibration:
         return {**change.fields(), "text": change.text, "confirm": asked, "sha256": candidate.sha256}
 
     def end(self, wanted: Wanted) -> None:
-        """Take it as the reference. Raises ControlRefused, also for a difference that nobody has confirmed, and
+        """Take it as the reference. Raises ControlRefused, also for a difference that no person has confirmed, and
         ConfigurationError for the file.
         """
         refusal = self._supervisor.refusal(Request.END_RECALIBRATION)

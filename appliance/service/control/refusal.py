@@ -1,4 +1,4 @@
-"""Why no service answers: the service leaves it beside its control socket, for whoever may use that socket.
+"""Why no service answers: the service leaves it beside its control socket, for those who may use that socket.
 
 The journal holds the same, but only administrators and the group systemd-journal may read it.
 """
@@ -20,7 +20,7 @@ _MOST_BYTES = 16_000
 
 
 def leave(config_file: Path, error: ConfigurationError) -> None:
-    """Say it to whoever asks. Where that cannot be written, the log alone has it."""
+    """Write it for the clients that ask. Where that cannot be written, the log alone has it."""
     utc = datetime.now(UTC).isoformat(timespec="seconds")
     said = {"utc": utc, "what": error.what, "where": error.where, "remedy": error.remedy}
     with contextlib.suppress(OSError), replacing(_place(_socket_of(config_file))) as stream:

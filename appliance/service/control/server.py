@@ -1,16 +1,16 @@
 """The control socket: JSON lines over a Unix socket, protocol version 1; docs/control.md lists the requests.
 
 Request: {"v": 1, "do": NAME, …}. Reply: {"v": 1, "ok": true, …} or {"v": 1, "ok": false, "error": TEXT}.
-The server is polled by the tick: it never blocks, takes at most one request of each client a tick, and drops whoever
-sends too much or reads too slowly. What a tick has no time for waits for the next one, whoever has waited longest
-first.
+The server is polled by the tick: it never blocks, takes at most one request of each client a tick, and drops a client
+that sends too much or reads too slowly. What a tick has no time for waits for the next one, the client that has waited
+longest first.
 
-A crowd that connects and says nothing keeps nobody out: its clients take places from each other only, and whoever is
-accepted is heard before the next one is. Who has asked keeps the place until the answer is there, and longer while
-nobody else who asks needs it, or a recalibration hangs on it; one that sends the next request before it has the answer
-to the last is the first to leave after that. So each tick has eight places or more for those who have waited longest,
-whatever the others ask, and whoever asks now and then keeps his. One descriptor is kept for a person who asks what is
-wrong when all others have run out.
+A crowd that connects and says nothing keeps no client out: its clients take places from each other only, and one that
+is accepted is heard before the next one is. Who has asked keeps the place until the answer is there, and longer while
+no other client that asks needs it, or a recalibration hangs on it; one that sends the next request before it has the
+answer to the last is the first to leave after that. So each tick has eight places or more for those who have waited
+longest, whatever the others ask, and a client that asks now and then keeps its own. One descriptor is kept for a person
+who asks what is wrong when all others have run out.
 """
 
 import contextlib
@@ -117,7 +117,7 @@ class ControlServer:
         os.close(self._lock_fd)
 
     def poll(self, answer: Answer, kept: int | None = None) -> None:
-        """Serve what is there now. kept: number of a connection that leaves its place to nobody."""
+        """Serve what is there now. kept: number of a connection that keeps its place."""
         self._kept = kept
         self._keep_spare()
         for client in tuple(self._silent):
@@ -172,10 +172,10 @@ class ControlServer:
             self._clients.append(client)
 
     def _full(self) -> list[_Client] | None:
-        """Who leaves so that one more has a place, which may be nobody; None where nobody does, so that it waits.
+        """The client that leaves so that one more has a place; None where none does, so that it waits.
 
         Who presses, then of those who ask nothing, as long as they have most of the places: of the user who has most,
-        who came last. So whoever stays keeps the place while others come, ask, and need it no more.
+        who came last. So a client that stays keeps its place while others come, ask, and need it no more.
         """
         if len(self._clients) < _MOST_CLIENTS:
             return []
@@ -247,7 +247,7 @@ class ControlServer:
 
 
 def _line(reply: Reply) -> bytes:
-    """What a device or a client said by a way on which nobody made it printable is made so here."""
+    """What a device or a client said by a way that does not make it printable is made so here."""
     return json.dumps(printable_value(reply), ensure_ascii=False).encode() + b"\n"
 
 

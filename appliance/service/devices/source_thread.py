@@ -96,7 +96,7 @@ class SourceThread(DeviceThread):
 
 class CaptureThread(SourceThread):
     """frame_ns: arrival of the last frame. size_px: (width, height) of the last one that the line can use. gaps: frames
-    that the device counted and nobody saw.
+    that the device counted and that never came.
     """
 
     frame_ns: int | None = None

@@ -101,7 +101,7 @@ class EstimatorHost:
 
     @property
     def waiting_frames(self) -> int:
-        """Pictures that it has not taken yet; 0 while it does not work, as then nobody is behind."""
+        """Pictures that it has not taken yet; 0 while it does not work."""
         working = self._has_reported and self._now_s() - self._heard_s < _WORKING_S
         return self._frames.backlog if working else 0
 

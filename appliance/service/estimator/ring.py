@@ -2,7 +2,7 @@
 
 A sample lies in a memfd, and a notice of it goes through a pipe once it is whole. The pipe wakes the consumer, and its
 lock orders the two processes' view of the memory on any processor. A producer that dies amid a sample has given no
-notice of it. Neither end ever waits: where nobody reads the pipe and it is full, the producer empties it.
+notice of it. Neither end ever waits: where the pipe is not read and full, the producer empties it.
 
 The consumer copies a sample out and then reads the pipe again: the copy counts if the sample is still among the newest
 `slots`. The memory has room for two more, so that another whole sample, with its notice, lies between the notice that

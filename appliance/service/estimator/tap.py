@@ -1,8 +1,8 @@
-"""What the estimator hands on of every step of the line, for those who look on; nothing while nobody does.
+"""What the estimator hands on of every step of the line, for the feed; nothing while it has no client.
 
 The report to the hardware process has gone out before. Pictures lie in a ring of their own, everything else goes as one
-packet a step through a socket pair that never blocks: whoever is behind misses whole steps, and their numbers say how
-many. What is wanted stands in a shared page, so that a step of a line that nobody watches costs one look at it.
+packet a step through a socket pair that never blocks: a reader that is behind misses whole steps, and their numbers say
+how many. What is wanted stands in a shared page, so that a step of a line without subscribers costs one look at it.
 """
 
 import contextlib
@@ -59,7 +59,7 @@ class Subscription:
 
     @property
     def epoch(self) -> int:
-        """Changes whenever somebody begins to listen, who has to be sent the settings in force."""
+        """Changes whenever a subscription begins, which must be sent the settings in force."""
         return self._page[_EPOCH]
 
     def want(self, wanted: int) -> None:
@@ -69,7 +69,7 @@ class Subscription:
         self._page[_WANTED] = wanted
 
     def count(self, counts: "FeedCounts") -> None:
-        """For whoever asks how the feed does."""
+        """Write how the feed does, for the status."""
         _COUNTED.pack_into(self._page, _COUNTS, *counts)
 
     @property
@@ -136,7 +136,7 @@ Packet = Begun | Taken
 
 
 class Tap:
-    """The estimator's end. Never blocks, and raises nothing for a listener that is gone."""
+    """The estimator's end. Never blocks, and raises nothing for a feed that is gone."""
 
     def __init__(self, fds: TapFds) -> None:
         self._packets = socket.socket(fileno=fds.packets)
@@ -153,7 +153,7 @@ class Tap:
 
     @property
     def wanted(self) -> bool:
-        """Whether anybody listens."""
+        """Whether there is a subscription."""
         return self._subscription.wanted != NOTHING
 
     def publish(self, sample: Sample, verdicts: tuple[Verdict, ...]) -> None:

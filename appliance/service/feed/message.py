@@ -33,7 +33,7 @@ from drivers.samples import Frame, GreyImage, Pose, Sample
 VERSION = 1
 _LENGTHS = struct.Struct(">II")
 _LONGEST_HEADER, _LONGEST_PIXELS = 1 << 18, 1 << 26
-"""Bytes. A verdict of 19 checks takes 5 kB; the largest picture of a ring 4 MB. More lets whoever is at the other end
+"""Bytes. A verdict of 19 checks takes 5 kB; the largest picture of a ring 4 MB. More lets the program at the other end
 take as much memory.
 """
 _PLACE, _REMEDY = "feed", "Is it the feed's socket, of this version of probewatch?"

@@ -14,7 +14,7 @@ from appliance.service.feed.server import FeedServer
 from appliance.service.host.child_process import end_with_parent
 
 _NICER = 15
-"""Steps of nice(2) behind the service: whoever looks on waits for whoever watches."""
+"""Steps of nice(2) behind the service: onlookers wait for the line."""
 _FIRST_KILLED = 500
 """oom_score_adj, as of the programs that look on from outside: where memory runs out, this goes before the service."""
 

@@ -1,4 +1,4 @@
-"""The hardware process's side of the feed: its socket, and the process that fans out while somebody listens.
+"""The hardware process's side of the feed: its socket, and the process that fans out while there are clients.
 
 Whatever becomes of the feed, the service watches on: what cannot be made or started is logged and reported in the
 status.
@@ -31,7 +31,7 @@ _LASTED_S = 60.0
 _REAP_TIMEOUT_S = 1.0
 """For which the end of the service waits for a killed process."""
 _BACKLOG = 128
-"""Clients that wait at the door, in order, so that a crowd which says nothing keeps nobody out for long."""
+"""Clients that wait at the door, in order, so that a crowd which says nothing keeps no client out for long."""
 
 
 class FeedHost:

@@ -40,7 +40,7 @@ from the cart, eight times; less loses samples where the client's disk pauses.
 """
 _SILENT_S, _ASLEEP_S = 5.0, 10.0
 """For a client to ask, and for one to take something of what waits for it. Less drops one on a busy computer; more
-keeps a place for nobody.
+keeps a place for no client.
 """
 _NO_END = f"no whole line came within {_SILENT_S:g} s: a request ends with a line feed"
 _IDLE_S = 30.0
@@ -108,7 +108,7 @@ class FeedServer:
     """listener: of the feed's socket. packets, frames, subscription: of the tap. without_pictures: users who are shown
     no pictures.
 
-    run() returns when nobody has listened for some time.
+    run() returns when there was no client for some time.
     """
 
     def __init__(
@@ -134,7 +134,7 @@ class FeedServer:
             self._selector.register(source, selectors.EVENT_READ)
 
     def run(self) -> None:
-        """Serve until nobody has come for some time."""
+        """Serve until there was no client for some time."""
         alone_s = time.monotonic()
         sweep_s = 0.0
         self._note()
@@ -187,7 +187,7 @@ class FeedServer:
         self._listen_to(client)
 
     def _listen_to(self, client: _Client) -> None:
-        """To its one line; whoever says more, or ends, is dropped."""
+        """Answer its one line; a client that says more, or ends, is dropped."""
         try:
             said = client.link.recv(LONGEST_LINE)
         except BlockingIOError:

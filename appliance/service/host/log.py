@@ -98,7 +98,7 @@ def configure(level: str, stream: TextIO | None = None) -> LogWriter:
 
 
 def _printable(_logger: object, _method: str, fields: structlog.typing.EventDict) -> structlog.typing.EventDict:
-    """Whatever came from outside by a way on which nobody thought of it; only a traceback has lines."""
+    """Whatever came from outside by a way that was not foreseen; only a traceback has lines."""
     traceback = fields.pop("exception", None)
     shown: structlog.typing.EventDict = printable_value(fields)
     return shown if traceback is None else {**shown, "exception": printable_lines(traceback)}

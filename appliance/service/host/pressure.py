@@ -8,7 +8,7 @@ from pathlib import Path
 from appliance.service.host.log import get_log
 
 _RESOURCES = ("cpu", "memory")
-"""Not io: a tick waits for no disk, and one that is busy disturbs nobody."""
+"""Not io: a tick waits for no disk, and one that is busy disturbs nothing."""
 _TOTAL = re.compile(rb"^some .*\btotal=(\d+)$", re.M)
 
 

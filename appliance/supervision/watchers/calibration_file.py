@@ -1,4 +1,5 @@
-"""A configured calibration file that was changed takes no effect by itself, and nobody should believe that it did."""
+"""A configured calibration file that was changed takes no effect by itself, and no person should believe that it
+did."""
 
 from appliance.supervision.watchers.device_health import DeviceHealth
 from appliance.types import Check, Fault, VerdictKind

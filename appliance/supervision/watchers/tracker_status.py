@@ -39,7 +39,7 @@ def line_of_sight(now_ns: int, health: DeviceHealth, timeouts: Timeouts) -> Chec
 def pose_usable(now_ns: int, health: DeviceHealth, timeouts: Timeouts) -> Check:
     """NOT_VERIFIED when the reply is NOT_UNDERSTOOD, and there has been no pose for timeouts.tracker_ns.
 
-    A status that nobody knows, or a matrix that is not rigid, is no fault that the tracker reports.
+    An unknown status, or a matrix that is not rigid, is no fault that the tracker reports.
     """
     age_ns = _without_pose_ns(now_ns, health) if health.replies.status is PoseStatus.NOT_UNDERSTOOD else 0
     return silence("pose usable", Fault.POSE_UNUSABLE, age_ns, timeouts.tracker_ns, VerdictKind.NOT_VERIFIED)

@@ -143,7 +143,7 @@ class PortHandles:
         return tool
 
     def _unnamed(self, plug: int) -> DeviceLost:
-        """A tool that is plugged in, and that nobody said anything of."""
+        """A tool that is plugged in and was not requested."""
         remedy = f"Name its definition file in the URL: probe=FILE.rom@{plug}, or reference="
         return DeviceLost(self._silent[plug], self._where, remedy)
 

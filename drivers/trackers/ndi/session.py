@@ -47,7 +47,7 @@ misses a device that is busy. All first connections of tests/drivers/trackers/nd
 _LISTEN_S = 1.5
 _SEARCH_S = 8.0
 """After a break: for INIT at 9600 baud in each round, and for all rounds. Simulated devices are back after 1 s; ndicapi
-waits 7 s for a real one to say RESET. More delays word that nobody is there, less misses a slow start."""
+waits 7 s for a real one to say RESET. More delays the report that no device is there, less misses a slow start."""
 
 _SWITCH_S = 0.1
 """Between the OKAY to COMM and the first byte at the new speed; other clients wait 0.1 to 0.2 s. Less may find the

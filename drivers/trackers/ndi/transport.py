@@ -29,7 +29,7 @@ _BREAK_NS = 60_000_000
 adapter still holds of it has left after 60 ms. More delays every reset. Not measured on adapters."""
 
 _CONNECT_S = 1.0
-"""For the name, the addresses and the handshake of one attempt. More delays word that nobody is there; a lost
+"""For the name, the addresses and the handshake of one attempt. More delays the report that no device is there; a lost
 SYN, which Linux repeats after a second, is left to the next attempt."""
 
 _STARTING_NS = 1_750_000_000
@@ -124,7 +124,7 @@ class SerialLine:
 class NetworkLine:
     """where: `host:port`. A device that is just starting again is waited for.
 
-    Raises DeviceLost when nobody answers there within two seconds of the clock.
+    Raises DeviceLost when nothing answers there within two seconds of the clock.
     """
 
     baud = None

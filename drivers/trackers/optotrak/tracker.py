@@ -48,8 +48,8 @@ PORT = 3020
 _ORDERS = {"big": ByteOrder.BIG, "little": ByteOrder.LITTLE}
 _WANTED = "6D Events"
 _CONNECT_S = 2.0
-"""For the name, the connection and the replies to up to three commands together. More delays word that nobody is there;
-how long a busy First Principles takes is not known."""
+"""For the name, the connection and the replies to up to three commands together. More delays the report that no server
+is there; how long a busy First Principles takes is not known."""
 
 _SINGLE_HZ = 60
 """Requests a second in single mode without rate=: two poses for every picture of a 30 Hz scanner. Each costs a command

@@ -62,7 +62,7 @@ FAULTS = (
 open connection. stale-tracker: the same frame again and again; stale-number, stale-time: only its number, or only its
 time, stands still. frozen-pose: the same pose in new frames. marker-drift: a marker of the probe sits elsewhere on its
 body, so the fit is poor. no-data: alive, nothing new. split: segments of 37 bytes. dribble: one byte in 50 ms.
-counter-jump, reset: at their beginning. unplug: connections end and nobody listens."""
+counter-jump, reset: at their beginning. unplug: connections end and new ones are refused."""
 
 _SEGMENT_BYTES, _SEGMENT_NS = 37, 1_000_000
 """Fault "split": a prime, so that no field begins where a segment does for long; a millisecond apart, so that they
