@@ -1,4 +1,5 @@
-"""For programs of your own: arrays of pictures and poses in, a verdict for each picture out; docs/python.md shows it.
+"""The interface for programs of your own: arrays of pictures and poses in, a verdict for each picture out;
+docs/python.md shows it.
 
 Pure, as the core is: no clock, thread, file or device. What is given runs through the same line and supervisor as on a
 cart, so that `probewatch replay` of a recording with the same content says the same.
@@ -176,7 +177,7 @@ def _checked_times(name: str, times_s: ArrayLike, number: int) -> list[int]:
 
 
 def _likely_unit(step: float) -> str:
-    """In which a step from one time to the next, of some 1 to 100 Hz, would be that long."""
+    """The unit in which a step from one time to the next, of some 1 to 100 Hz, would be that long."""
     return "ms by 1000" if step < 1e4 else "µs by 1e6" if step < 5e6 else "ns by 1e9"
 
 

@@ -166,7 +166,7 @@ class Limits(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _of_profile(cls, given: Any) -> Any:
-        """With what the profile says of the limits that are not given."""
+        """The limits with what the profile says of those that are not given."""
         if not isinstance(given, dict):
             return given
         own = next((limits for name, limits in PROFILES.items() if name == given.get("profile")), {})

@@ -158,7 +158,7 @@ class Given:
         refuse_unknown(options, list(self._rows), where, advice)
 
     def text(self, name: str) -> str | None:
-        """As it is written, None where it is not given."""
+        """The value as it is written, None where it is not given."""
         assert name in self._rows, f"the driver reads '{name}', and its descriptor has no such row"
         return self._options.get(name)
 

@@ -62,7 +62,7 @@ class Watched(Protocol):
     """A tracker that knows how well it can measure."""
 
     def body(self) -> MarkerBody:
-        """As of the last replies; never asks the device."""
+        """The body as of the last replies; never asks the device."""
 
 
 @runtime_checkable

@@ -87,7 +87,7 @@ def _short(value: Any) -> str:
 
 
 def _section(place: Place) -> str:
-    """As its header is written."""
+    """The section's header as it is written."""
     name = ".".join(part for part in place if isinstance(part, str))
     return f"[[{name}]]" if isinstance(place[-1], int) else f"[{name}]"
 

@@ -1,4 +1,4 @@
-"""In which line of a TOML text each key stands. tomllib returns what a file says, but not where."""
+"""The line of a TOML text in which each key stands. tomllib returns what a file says, but not where."""
 
 import tomllib
 from collections.abc import Iterator

@@ -146,12 +146,12 @@ class Line:
 
     @property
     def nats(self) -> float | None:
-        """As of `Evidence`."""
+        """See `Evidence`."""
         return self._evidence.nats
 
     @property
     def stationary_spans(self) -> tuple[tuple[int, int], ...]:
-        """As of `StationaryTime`."""
+        """See `StationaryTime`."""
         return self._evidence.stationary.spans
 
     @property
@@ -161,7 +161,7 @@ class Line:
 
     @property
     def relative_pose(self) -> Matrix4 | None:
-        """As of `Witness`."""
+        """See `Witness`."""
         return self._witness.relative_pose
 
     def step(self, sample: Frame | Pose) -> tuple[Verdict, ...]:
@@ -178,8 +178,8 @@ class Line:
         return tuple(self._settled(item) for item in self._pairing.step(sample))
 
     def point_bounds(self, t_ns: int, at_mm: Array) -> Bounds | None:
-        """At (n, 3) places in the axes of the picture, mm from its middle: what the error of a point of the verdict at
-        t_ns, the last one, is the worst and the median of.
+        """Bounds at (n, 3) places in the axes of the picture, mm from its middle: what the error of a point of the
+        verdict at t_ns, the last one, is the worst and the median of.
         """
         return self._evidence.points.at(t_ns, self._status, at_mm)
 
@@ -320,7 +320,7 @@ class Line:
         return self._with_point_error(judge(t_ns, checks, self._status, self._broke))
 
     def _with_point_error(self, verdict: Verdict) -> Verdict:
-        """With the error of a point as of now."""
+        """The verdict with the error of a point as of now."""
         point = self._evidence.points.now(verdict.t_ns, self._status)
         verdict = bounded(verdict, point, self._limits.point_mm)
         self._judgement.note(verdict)

@@ -26,7 +26,7 @@ class Quantity:
     left_out: float
 
     def limit(self, limits: Limits) -> float:
-        """In `unit`."""
+        """The limit, in `unit`."""
         return float(getattr(limits, self.limit_key))
 
 

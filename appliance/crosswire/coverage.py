@@ -90,7 +90,7 @@ def _binned(angles_deg: Vector) -> NDArray[np.intp]:
 
 
 def _first_uncovered(angles_deg: Vector, places: NDArray[np.intp]) -> str:
-    """While nothing is known of the probe: any turn that is missing, then any place."""
+    """Any turn that is missing, then any place: for as long as nothing is known of the probe."""
     reached = [
         [np.sum(side * angles_deg[:, axis] > _ASKED_DEG / 2) >= _ENOUGH_VIEWS for side in (1, -1)] for axis in range(3)
     ]

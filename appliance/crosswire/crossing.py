@@ -415,7 +415,7 @@ def _noise_grey(grey: Vector, inside: NDArray[np.bool_]) -> float:
 
 
 def _clutter_grey(contrast: float, scatter: float) -> float:
-    """By how much speckle below the spot shifts its greys: an echo so much stronger turns the sum by their ratio."""
+    """How much speckle below the spot shifts its greys: an echo so much stronger turns the sum by their ratio."""
     grey_per_db = scatter / _SPECKLE_DB
     if grey_per_db <= 0:
         return 0.0

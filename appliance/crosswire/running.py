@@ -239,7 +239,7 @@ class RunningCalibration:
         return found
 
     def _tilts(self, covered: Coverage) -> list[Refusal]:
-        """About the lateral and the axial axis: leaning to the sides alone shows nothing of ζ."""
+        """Tilts about the lateral and the axial axis: leaning to the sides alone shows nothing of ζ."""
         return [
             Refusal(
                 Reason.TOO_LITTLE_TILT,

@@ -19,7 +19,7 @@ LARGEST_ERROR = 0.015
 
 
 def speed_of_sound_m_s(water_c: float) -> float:
-    """In pure water at °C. Raises ValueError outside of 0 to 95 °C, NaN included."""
+    """Speed of sound in pure water at °C. Raises ValueError outside of 0 to 95 °C, NaN included."""
     if not RANGE_C[0] <= water_c <= RANGE_C[1]:
         raise ValueError(f"{water_c:g} °C is outside of {RANGE_C[0]:g} to {RANGE_C[1]:g} °C")
     return float(np.polynomial.polynomial.polyval(water_c, _MARCZAK))

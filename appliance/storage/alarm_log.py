@@ -79,7 +79,9 @@ class AlarmLog:
         return self._memory.digest
 
     def append(self, utc: datetime, t_ns: int, event: str, data: dict[str, Any], latch: Latch | None) -> None:
-        """On the disk when it returns. Raises OSError; then nothing was appended, and it may be tried again."""
+        """Append it; it is on the disk when this returns. Raises OSError; then nothing was appended, and it may be
+        tried again.
+        """
         if self._chain_begins:
             found = [str(one) for one in self._unsound()]
             if found:  # the memory first: once the chain has started again, the log itself shows this damage no more
@@ -134,7 +136,9 @@ class AlarmLog:
             self._remember(Memory(number, digest, self._memory.first, latch, self.damage))
 
     def _forget_oldest(self) -> None:
-        """Before a new segment: the memory first, so that a cut between the two leaves too much, not too little."""
+        """Forget the oldest before a new segment: the memory first, so that a cut between the two leaves too much, not
+        too little.
+        """
         files = segments(self._folder)
         kept = files[-(SEGMENTS_KEPT - 1) :]
         if len(kept) < len(files):

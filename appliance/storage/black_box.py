@@ -203,7 +203,7 @@ class BlackBox:
 
     @property
     def damage_text(self) -> str:
-        """In one sentence; empty for a whole file."""
+        """The damage in one sentence; empty for a whole file."""
         more = len(self.damage) - _MOST_NAMED
         return "; ".join(self.damage[:_MOST_NAMED]) + (f"; and {more} more" if more > 0 else "")
 
@@ -215,8 +215,8 @@ class BlackBox:
                 yield entry.topic, t_ns
 
     def items(self) -> Iterator[Told]:
-        """In the order in which they were written; what cannot be understood is left out, reported as damage, and there
-        is a Gap in its place.
+        """Items in the order in which they were written; what cannot be understood is left out, reported as damage, and
+        there is a Gap in its place.
         """
         known = 0
         for entry in self._mcap.entries():
@@ -270,8 +270,8 @@ class Series:
         return next((settings for settings in all_settings if settings is not None), None)
 
     def items(self) -> Iterator[Told]:
-        """As one file would have them: what each later part repeats so that it can be read alone is left out, and where
-        a part is missing or damaged there is a Gap, after which its settings are passed on again.
+        """Items as one file would have them: what each later part repeats so that it can be read alone is left out, and
+        where a part is missing or damaged there is a Gap, after which its settings are passed on again.
         """
         before: BlackBox | None = None
         for box in self.boxes:
@@ -283,7 +283,7 @@ class Series:
 
 
 def _resumed(box: BlackBox) -> Iterator[Told]:
-    """Without its /begun and the settings that follow it."""
+    """The box without its /begun and the settings that follow it."""
     head = True
     for entry in box.items():
         if head and isinstance(entry.item, Begun | Made):

@@ -71,7 +71,7 @@ class State:
 
 @dataclass(frozen=True, slots=True)
 class Made:
-    """From here on a line works by these settings; step: samples that this very line had taken before, 0 for a new one.
+    """A line works by these settings from here on; step: samples that this very line had taken before, 0 for a new one.
     settings: None while there is no reference, and so no line.
     """
 

@@ -42,7 +42,7 @@ class Reference:
 
     @property
     def relative_pose(self) -> Matrix4 | None:
-        """As of `appliance.core.estimator_settings.EstimatorSettings`, as it was kept."""
+        """See `appliance.core.estimator_settings.EstimatorSettings`; as it was kept."""
         return None if self.entry.relative_pose is None else np.array(self.entry.relative_pose).reshape(4, 4)
 
 

@@ -1,4 +1,5 @@
-"""Until when a reference holds: the days that its file states, and the configuration's. Pure: the time is an argument.
+"""The dates until which a reference holds: the days that its file states, and the configuration's. Pure: the time is an
+argument.
 
 Days are of UTC and count whole: a calibration that is due on the first of May is overdue from the second on. The wall
 clock is believed as it stands, whichever way it was stepped, with one exception: one that is a day and more before the

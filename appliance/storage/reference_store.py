@@ -93,7 +93,7 @@ _LIST = "See: probewatch calibration list"
 
 
 def sha256_of(content: bytes) -> str:
-    """In hexadecimal."""
+    """SHA-256 in hexadecimal."""
     return hashlib.sha256(content).hexdigest()
 
 
@@ -131,7 +131,8 @@ def content_of(folder: Path, entry: Entry) -> bytes:
 
 
 def write_history(folder: Path, history: History, contents: dict[str, bytes]) -> None:
-    """On the disk when it returns. contents: by SHA-256, of what the folder may not hold yet. Raises OSError.
+    """Write the history; it is on the disk when this returns. contents: by SHA-256, of what the folder may not hold
+    yet. Raises OSError.
 
     An empty history comes first into a new folder: content without a history is damage.
     """

@@ -1,1 +1,1 @@
-"""From verdicts to what the room sees: the state machine, its memory, and the alarm table. Pure."""
+"""What makes of verdicts what the room sees: the state machine, its memory, and the alarm table. Pure."""

@@ -7,7 +7,7 @@ from appliance.types import Fault
 
 @dataclass(slots=True)
 class Condition:
-    """It is shown, or unconfirmed (neither shown nor disproved), or gone.
+    """A condition: shown, or unconfirmed (neither shown nor disproved), or gone.
 
     onset_ns: when it was first shown since it was last gone, None while gone. named_ns: since when it has been shown as
     this fault. lifted_ns: when it went.

@@ -34,7 +34,7 @@ class OverloadNotes:
         return True
 
     def end(self, now_ns: int, losses: int) -> dict[str, Any] | None:
-        """It is not any more: what has to be said of it; None when it was not before.
+        """Note that it is over: what has to be said of it; None when there was none.
 
         for_s: how long it was. device_losses: during it. repeated: change of state → how often it had no entry.
         state, fault: what they led to.

@@ -51,7 +51,7 @@ class Step:
     by: tuple[str, ...] = ()
 
     def after_ns(self, durations: Durations) -> int:
-        """In ns."""
+        """The duration, ns."""
         return sum(int(getattr(durations, f"{name}_ns")) for name in self.after)
 
     def led_by(self, check: str) -> bool:

@@ -1,4 +1,4 @@
-"""From verdicts and device checks to the state of the room. Pure: no clock, no device; time is an argument.
+"""Makes the state of the room of verdicts and device checks. Pure: no clock, no device; time is an argument.
 
 Decisions that the table alone does not show:
 - A calibration fault once shown stands until the line says OK; NOT_VERIFIED neither lifts it nor lets it escalate.

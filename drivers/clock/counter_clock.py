@@ -262,7 +262,9 @@ class DeviceClock:
         return True
 
     def _held_up_estimate(self, device_ns: int, arrival_ns: int) -> Stamp:
-        """By the line. The bound reaches to the arrival: that is the truth if the device's clock stood still."""
+        """The estimate by the line. The bound reaches to the arrival: that is the truth if the device's clock stood
+        still.
+        """
         self._device_ns = float(device_ns - self._zero_ns)
         return _reaching(self._estimate(arrival_ns), arrival_ns)
 
@@ -386,7 +388,7 @@ class CounterClock(DeviceClock):
         self._counts = 0
 
     def stamp(self, counter: int, arrival_ns: int, absent_ns: int | None = None, asked_ns: int | None = None) -> Stamp:
-        """As DeviceClock.stamp, for the value of the counter. A counter that runs backward starts again."""
+        """See DeviceClock.stamp, here for the value of the counter. A counter that runs backward starts again."""
         steps = 0 if self._counter is None else (counter - self._counter) % COUNTS
         self._counts += steps - COUNTS if steps >= COUNTS // 2 else steps
         self._counter = counter

@@ -25,7 +25,7 @@ def sync_directory(directory: Path) -> None:
 
 
 def make_folder(folder: Path, mode: int = 0o777) -> None:
-    """With its parents, where missing; their names are on the disk when it returns. Raises OSError.
+    """Make a folder with its parents, where missing; their names are on the disk when it returns. Raises OSError.
 
     mode: of the folder itself.
     """
@@ -59,7 +59,8 @@ def replacing(path: Path) -> Iterator[BinaryIO]:
 
 @contextmanager
 def writing(path: Path) -> Iterator[BinaryIO]:
-    """As replacing, for a file that a person named: a device, a pipe or a folder of that name is refused and stays.
+    """Replace, like replacing, a file that a person named: a device, a pipe or a folder of that name is refused and
+    stays.
 
     Raises ConfigurationError, also for an OSError of the block.
     """

@@ -30,7 +30,7 @@ def refuse_irregular(path: Path) -> None:
 
 
 def open_regular(path: Path, flags: int = os.O_RDONLY, mode: int = 0o644) -> int:
-    """As os.open, of a regular file alone; the caller closes the descriptor.
+    """Open, like os.open, a regular file alone; the caller closes the descriptor.
 
     It is looked at before it is opened, because opening alone makes some devices act, and again after that, because it
     may have been replaced in between. Raises OSError.

@@ -33,7 +33,8 @@ def open_serial(path: str, baud: int, raise_lines: bool = True) -> serial.Serial
 
 
 def drain(port: serial.Serial) -> None:
-    """Until the last byte has left. A signal, as of a reload or after a stop, ends tcdrain(3) too early; it goes on.
+    """Wait until the last byte has left. A signal, as of a reload or after a stop, ends tcdrain(3) too early; it goes
+    on.
 
     Raises OSError, termios.error when the port fails.
     """

@@ -102,7 +102,7 @@ class IgtlVideo:
         return Frame(self._time.stamp(message.time_ns, arrived.arrival_ns), self._count - 1, shown)
 
     def _settle_on(self, device: str) -> None:
-        """Without image= there may be one picture only: taking turns would show two scanners as one."""
+        """Settle on the one picture that there may be without image=: taking turns would show two scanners as one."""
         if self._shown and device != self._shown:
             both = f"'{self._shown}' and '{device}'"
             raise self._client.lost(f"the server sends several pictures, {both}", "Name one of them by image=")

@@ -387,7 +387,7 @@ def _inflated(
 
 
 def _inflate(inflator: "zlib._Decompress", stream: BinaryIO, path: Path, wanted: int) -> bytes:
-    """Up to `wanted` bytes; fewer only at the end of the stream or of the file."""
+    """Inflate up to `wanted` bytes; fewer only at the end of the stream or of the file."""
     parts, missing = [], wanted
     try:
         while missing and not inflator.eof:

@@ -41,7 +41,7 @@ _MOST_AXES = 4  # of PLUS and 3D Slicer: a third spatial axis of one plane
 
 
 def read_nrrd(path: Path, orientation: str | None = None) -> MetaImage:
-    """As read_metaimage. Raises RecordingError naming file, key and remedy."""
+    """Read it like read_metaimage. Raises RecordingError naming file, key and remedy."""
     try:
         with reading(path) as stream:
             general, frames = _read_header(stream, path)
@@ -60,8 +60,8 @@ def read_nrrd(path: Path, orientation: str | None = None) -> MetaImage:
 def write_nrrd(
     path: Path, items: Iterable[SequenceItem], size_px: tuple[int, int] | None, *, orientation: str = "MFA"
 ) -> None:
-    """As write_metaimage, compressed. A sequence of poses only has pictures of one black pixel, as PLUS writes it.
-    Pictures have a third spatial axis of one plane: 3D Slicer by itself reads no others, PLUS either.
+    """Write it like write_metaimage, compressed. A sequence of poses only has pictures of one black pixel, as PLUS
+    writes it. Pictures have a third spatial axis of one plane: 3D Slicer by itself reads no others, PLUS either.
 
     Raises OSError, and ValueError for an image of another size.
     """

@@ -78,7 +78,7 @@ def parse_faults(text: str, names: Collection[str], where: str = "faults") -> Sc
 
 
 def _lines(text: str) -> Iterator[int]:
-    """In which line each entry of a JSON list begins, counted from 1. text: such a list, whole."""
+    """The line in which each entry of a JSON list begins, counted from 1. text: such a list, whole."""
     decoder, at = json.JSONDecoder(), text.find("[")
     while True:
         gap = _GAP.match(text, at + 1)

@@ -39,7 +39,7 @@ class TcpServer(Generic[C]):
         self.listen()
 
     def listen(self) -> None:
-        """Once more after unplug; otherwise nothing."""
+        """Listen again after unplug; otherwise do nothing."""
         if self._listener is not None:
             return
         try:
@@ -95,7 +95,7 @@ class TcpServer(Generic[C]):
             self.drop(client)
 
     def act_for_all(self, work: Callable[[C], object]) -> None:
-        """For those that are connected now."""
+        """Act for those that are connected now."""
         for client in tuple(self.clients):
             self.act(client, work)
 

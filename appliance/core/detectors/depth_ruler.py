@@ -124,7 +124,7 @@ class DepthRuler(Detector):
 
 
 def _apart(columns: tuple[int, ...]) -> list[int]:
-    """Without those beside one that is tried already."""
+    """The columns without those beside one that is tried already."""
     taken = list[int]()
     for column in columns:
         if all(abs(column - other) > 2 for other in taken):

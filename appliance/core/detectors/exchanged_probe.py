@@ -55,9 +55,9 @@ class ExchangedProbe(Detector):
         self._before = beyond
 
     def _least_beyond(self, checks: Sequence[Check]) -> float:
-        """By how many of its limits the class that is nearest to them surely is, 0 where the latency is not shown to be
-        in order: what is measured with a late tracker is no calibration. The polarity need not be shown: far from the
-        reference it is rarely decided, and a mirrored picture is named before this.
+        """Number of its limits by which the class that is nearest to them surely is, 0 where the latency is not shown
+        to be in order: what is measured with a late tracker is no calibration. The polarity need not be shown: far from
+        the reference it is rarely decided, and a mirrored picture is named before this.
         """
         if not any(check.fault is Fault.LATENCY and check.verdict is VerdictKind.OK for check in checks):
             return 0.0
@@ -66,8 +66,8 @@ class ExchangedProbe(Detector):
         )
 
     def _surely(self, check: Check) -> float:
-        """In limits, those that are shipped at least: what a tighter one calls wrong is no other probe yet. 0 where it
-        is not known.
+        """Ratio to the limits, those that are shipped at least: what a tighter one calls wrong is no other probe yet. 0
+        where it is not known.
         """
         share = check.limit / max(check.limit, QUANTITIES[check.fault].limit(_SHIPPED))
         sure = check.least_ratio(self._confidence_sigma) * share

@@ -41,7 +41,7 @@ class Border:
     cosine: Array
 
     def seen(self) -> "Border":
-        """Without where it is not seen."""
+        """The places where it is seen."""
         known = np.isfinite(self.found)
         return Border(self.at[known], self.found[known], self.cosine[known])
 
@@ -129,7 +129,7 @@ def _first(lit: Bits) -> NDArray[np.intp]:
 
 
 def window(fan: Array, border: int, shape: tuple[int, ...], reach_px: int, most_places: int = _SAMPLES) -> Window:
-    """Up to so many px on either side of where the fan, (7,), has a border."""
+    """The window of so many px on either side of where the fan, (7,), has a border."""
     side = border in (LEFT, RIGHT)
     at = places(fan, border, shape, most_places)
     expected, slopes = predicted(fan, border, at)

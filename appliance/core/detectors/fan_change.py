@@ -1,4 +1,4 @@
-"""By how much one fan is shifted and stretched against another: what a grabber or another depth does to all of it.
+"""Shift and stretch of one fan against another: what a grabber or another depth does to all of it.
 
 A stretch and a shift move all borders; a shadow, a narrower sector or a darker depth moves some of them. So what the
 two leave as it is (both opening angles, the radii's ratio) must be alike, or nothing is said.
@@ -61,7 +61,7 @@ def _narrowed(before: Fan, now: Fan, numbers: int) -> bool:
 
 
 def _explained(before: Fan, now: Fan, size_px: tuple[int, int], numbers: int) -> FanChange | None:
-    """By the first so many numbers of the fans."""
+    """The change by the first so many numbers of the fans."""
     middle = (np.array(size_px) - 1) / 2
     one, other = _logarithms(before.numbers)[:numbers], _logarithms(now.numbers)[:numbers]
     doubt = _doubt(before)[:numbers, :numbers] + _doubt(now)[:numbers, :numbers]

@@ -89,7 +89,7 @@ def _shown(image: GreyImage, black: float) -> GreyImage | None:
 
 
 def _edges(shown: GreyImage) -> tuple[tuple[Array, Array], ...]:
-    """For each border places along it, and where it is there; without what the picture's edge cuts off."""
+    """Places along each border, and where it is there; without what the picture's edge cuts off."""
     found: list[tuple[Array, Array]] = []
     for picture in (shown, np.ascontiguousarray(shown.T)):
         at = np.flatnonzero(picture.any(axis=1))

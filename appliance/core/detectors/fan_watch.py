@@ -181,13 +181,13 @@ class FanWatch(Detector):
             self._forget()
 
     def _rest(self, t_ns: int, missing: frozenset[int]) -> None:
-        """Until when borders that are elsewhere are not measured again."""
+        """Set until when borders that are elsewhere are not measured again."""
         known = missing <= self._missing
         self._wait_ns = min(2 * self._wait_ns, _LONGEST_REST_NS) if known else _AGAIN_NS
         self._missing, self._again_ns = self._missing | missing, t_ns + self._wait_ns
 
     def _go_on(self, t_ns: int, image: GreyImage) -> bool:
-        """With the search for a fan, which takes some pictures."""
+        """Go on with the search for a fan, which takes some pictures."""
         assert self._search is not None
         try:
             next(self._search)

@@ -51,7 +51,9 @@ do. Of zooms by 30, 10 and −20 % and a stretch by 20 % in half a second, in-pl
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Look:
-    """At two pictures. log_zoom: (2,), pressed: (2,) as of `pressed_between`, apart_px and gained_px as of Stretch."""
+    """A comparison of two pictures. log_zoom: (2,), pressed: (2,) as of `pressed_between`, apart_px and gained_px as of
+    Stretch.
+    """
 
     t_ns: int
     log_zoom: Array

@@ -115,8 +115,8 @@ class _Earlier:
 class PictureChain(Detector):
     """Adds up the changes since the reference was in force.
 
-    A change is named once the picture after it is no change back: one spoilt picture withdraws the OK, and alarms
-    nobody.
+    A change is named once the picture after it is no change back: one spoilt picture withdraws the OK, and raises
+    no alarm.
 
     tissue: (h, w) bool, the registration's mask, None until it is known. most_ns: for how long the chain waits for a
     picture that goes on with it; then another begins, and a caller that counts on the first must have given it up.
@@ -232,7 +232,7 @@ class PictureChain(Detector):
         self._searches = self._covered = 0
 
     def _own_course(self, seen: Observation, view: View, last: View) -> _Course | None:
-        """As the picture was followed from the last one of the chain."""
+        """The course by which the picture was followed from the last one of the chain."""
         if not seen.followed or seen.warp is None:
             return None
         since_ns = view.t_ns - last.t_ns
@@ -282,8 +282,8 @@ class PictureChain(Detector):
         self._gone_px = self._gone_px + np.median(self._steps_px, axis=0)
 
     def _moved(self, before: View, view: View, gone_px: Array) -> PictureChange | None:
-        """Without a name, where the picture is elsewhere than its tissue has gone, by more than the limit of the
-        offset.
+        """A change without a name, where the picture is elsewhere than its tissue has gone, by more than the limit of
+        the offset.
         """
         expected = carried(before.small, (gone_px, 0.0), self._aspect)
         shift_px = shift_of(before.small, view.small, expected)
@@ -367,7 +367,7 @@ class PictureChain(Detector):
             self._gone_px = self._gone_px + link.moved_px
 
     def _turned_rad(self, placed: Array32, view: View) -> float | None:
-        """By how much it was turned or sheared, as steered beams do it; None where too little of it is found again.
+        """Angle by which it was turned or sheared, as steered beams do it; None where too little of it is found again.
 
         Likeness alone let half of the pictures go on that were sheared by 7°, most of 11°, a quarter of those turned by
         4°. Turns of the same tissue came to 1.8° at most (study, gesture-hold, seed 1, .13 s apart, 18 pairs).

@@ -49,7 +49,7 @@ class PoseConvention(Detector):
             self._named = self._latest = None
 
     def checks(self) -> tuple[Check, ...]:
-        """By how much the convention explains the motion better than any other; none while nothing is wrong."""
+        """Check by how much a convention explains the motion better than any other; none while nothing is wrong."""
         if self._named is None:
             return ()
         name, margin = self._named.convention.value, self._named.margin

@@ -154,7 +154,7 @@ class RestingPicture:
         return PictureChange() if self._unlike_ns > _BREATH_NS or self._blended(view) else None
 
     def _magnified(self, placed: Array32, view: View, first: View, alike: bool) -> PictureChange | None:
-        """By how much since the rest began, wherever that is to be seen."""
+        """Magnification since the rest began, wherever that is to be seen."""
         self._measured_ns = view.t_ns
         if alike:
             found = stretch_between(placed, view.small, self._aspect, (1.0, 1.0))
@@ -208,7 +208,7 @@ def turned_or_sheared(
 
 
 def _made_by_the_face(reference: Calibration, before: View, now: View) -> tuple[float, float]:
-    """By how much lines may be sheared by the way of the face, and by how much more they turn where the picture is
+    """How far lines may be sheared by the way of the face, and how much more they turn where the picture is
     mirrored, so that it turns the other way than expected; both by the tracker, rad.
     """
     if before.pose is None or now.pose is None:
@@ -231,6 +231,6 @@ def _lie_between(pictures: list[Array], one: Array, other: Array) -> bool:
 
 
 def _middle(picture: Array32) -> Array:
-    """Without what another place may have brought in."""
+    """The picture without its edges, which may show another place."""
     rows, columns = picture.shape[0] // 8, picture.shape[1] // 8
     return np.asarray(picture[rows : picture.shape[0] - rows, columns : picture.shape[1] - columns], float)

@@ -41,7 +41,9 @@ _PLANE = [0, 1, 5]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Step:
-    """From one reading to the next. way: (6,) of the picture plane in its own axes, as X and the poses say, mm, rad."""
+    """Step from one reading to the next. way: (6,) of the picture plane in its own axes, as X and the poses say, mm,
+    rad.
+    """
 
     since_ns: int
     t_ns: int

@@ -89,7 +89,7 @@ def stretch_between(before: Array32, now: Array32, aspect: float, start: tuple[f
 
 
 def lines_turned(before: Array32, now: Array32, aspect: float) -> Array | None:
-    """As of `lines_between`; None where too few parts are found."""
+    """Lines as of `lines_between`; None where too few parts are found."""
     found = lines_between(before, now, aspect, 0.0, looks=1)
     return None if found is None else found.turned_rad
 
@@ -191,7 +191,7 @@ def _columns_of_lines(places: Array) -> Array:
 
 
 def _fitted_to_most(columns: Array, moved: Array) -> tuple[Array, Array] | None:
-    """As `_fitted`; None where fewer than _LEAST_PARTS lie near the fit."""
+    """Fit as of `_fitted`; None where fewer than _LEAST_PARTS lie near the fit."""
     if len(moved) < _LEAST_PARTS:
         return None
     fit, off_px = _fitted(columns, moved)

@@ -44,7 +44,7 @@ class SecondOpinion:
 
 
 def second_opinion(samples: PathSamples, reference: Calibration) -> SecondOpinion | None:
-    """From the path of one session; None where it is too short or does not determine X."""
+    """The opinion from the path of one session; None where it is too short or does not determine X."""
     try:
         lag = max(1, round(_STEP_S / samples.period_s))
     except ValueError:

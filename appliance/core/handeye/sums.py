@@ -9,7 +9,7 @@ from drivers.rigid import Array, skew
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sums:
-    """Over weighted motions: weight Σ1, uu Σ u uᵀ (k, k) px², uv Σ u vᵀ (k, 3) px mm, vv Σ v vᵀ (3, 3) mm²."""
+    """Sums over weighted motions: weight Σ1, uu Σ u uᵀ (k, k) px², uv Σ u vᵀ (k, 3) px mm, vv Σ v vᵀ (3, 3) mm²."""
 
     weight: float
     uu: Array

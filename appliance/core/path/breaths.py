@@ -158,7 +158,7 @@ def _turns(t_s: Array, values: Array, prominence: float) -> Array:
 
 
 def _continued(turns_s: Array, t_s: Array, usual_s: float) -> Array:
-    """With as many breaths of the usual length at both sides as t_s (m,) asks for."""
+    """The turns, with as many at the usual distance at both sides as t_s (m,) asks for."""
     before = int(np.ceil(max(turns_s[0] - t_s[0], 0.0) / usual_s))
     after = int(np.floor(max(t_s[-1] - turns_s[-1], 0.0) / usual_s)) + 1
     return np.concatenate(

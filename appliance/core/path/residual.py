@@ -161,7 +161,7 @@ class PathResidual:
         return sheared
 
     def reckon(self, follow: float, tilt: Array) -> None:
-        """With tissue like this from here on."""
+        """Reckon with tissue like this from here on."""
         self.follow, self.tilt = float(np.clip(follow, 0.0, _MOST_FOLLOWED)), tilt
         self._latest = None
 

@@ -188,7 +188,7 @@ def solve(
 def solving(
     samples: PathSamples, reference: Calibration, prior: Prior, start: Noise | None = None, *, learn: bool = True
 ) -> Steps[Solution]:
-    """As `solve`, in pieces."""
+    """See `solve`; in steps."""
     yield RESIDUAL.of(len(samples.t_s))
     residual = PathResidual.of(samples, reference, prior.planar)
     yield ROUND.of(len(residual.blocks) ** 2)
@@ -228,7 +228,8 @@ class PathFit:
         return 3 * len(self._samples.blocks)
 
     def agreement(self, reference: Calibration) -> float:
-        """As `Solution.correlation`, under the reference itself; by shorter steps where the motion is too short."""
+        """See `Solution.correlation`, here under the reference itself; by shorter steps where the motion is too short.
+        """
         residual, nothing = self._residual(reference), (NOTHING, np.zeros(1))
         agreed = _agreement(residual, self._noise, *nothing)
         return _agreement(residual, self._noise, *nothing, _SHORT_LAG_S) if isnan(agreed) else agreed
@@ -511,8 +512,8 @@ def _agreement(
 
 
 def _alike(noise: Noise) -> Noise:
-    """With a tracker that is as noisy along both axes: under a polarity that is wrong, tissue that gives way takes the
-    axial row's noise for its own.
+    """Noise with a tracker that is as noisy along both axes: under a polarity that is wrong, tissue that gives way
+    takes the axial row's noise for its own.
     """
     variances = noise.variances.copy()
     variances[AXIAL, TRACKER] = np.maximum(variances[AXIAL, TRACKER], variances[LATERAL, TRACKER])

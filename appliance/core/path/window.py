@@ -153,7 +153,7 @@ class PathWindow:
 
     @property
     def span_ns(self) -> int:
-        """From the first motion to the latest."""
+        """Time from the first motion to the latest."""
         return self._seen[-1].stamp.t_ns - self._seen[0].stamp.t_ns if self._seen else 0
 
     @property

@@ -115,7 +115,7 @@ def examine(
 def examining(
     window: PathWindow, reference: Calibration, limits: Limits, start: Noise | None, about_s: float
 ) -> Steps[Finding]:
-    """As `examine`, in pieces."""
+    """See `examine`; in steps."""
     yield LATENCY.of(len(window))
     lag = window.latency(about_s)
     coarse = lag is None and about_s != 0.0

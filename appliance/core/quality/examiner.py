@@ -47,7 +47,7 @@ class Examiner:
         self._begin_lag_anew()
 
     def lose_sight(self) -> None:
-        """As `restart`, but that how the patient breathes is still known."""
+        """Restart, but keep how the patient breathes."""
         self.noises.lose_sight()
         self._begin_lag_anew()
 

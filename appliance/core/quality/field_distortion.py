@@ -48,7 +48,7 @@ else of the sequential test. More withdraws the OK later."""
 
 
 def distortion_nats(rows: Innovations) -> Steps[float | None]:
-    """By how much slopes explain the window better than the best calibration alone, wherever it is and whatever its
+    """How much better, nat, slopes explain the window than the best calibration alone, wherever it is and whatever its
     latency creeps to; None for a window that decides nothing, as it is too short, the probe covers too little, or the
     tissue gives way, which is not the same everywhere (21 nats in a healthy gesture over a half space).
     """
@@ -110,7 +110,7 @@ class FieldDistortion:
 
     @property
     def contradiction(self) -> Contradiction | None:
-        """As of a parameter, while it stands."""
+        """The contradiction, like that of a parameter, while it stands."""
         check = self.check
         return None if check is None else Contradiction(check, self.until_ns, check.verdict is VerdictKind.FAULT)
 

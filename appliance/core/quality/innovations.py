@@ -48,7 +48,7 @@ class Innovations:
 
     @property
     def is_informative(self) -> bool:
-        """As of `PathResidual`."""
+        """See `PathResidual`."""
         return self._residual.is_informative
 
     def travel_mm(self, n: int) -> Array:
@@ -56,7 +56,7 @@ class Innovations:
         return self._residual.travel_mm(n)
 
     def score(self, n: int) -> float:
-        """By how much the last n blocks would rather have another calibration than the reference, to first order."""
+        """Score of the last n blocks against the reference, to first order."""
         white = self.at_reference(n)
         slope = white[:VALUE_ROW] @ np.clip(white[VALUE_ROW], -HUBER, HUBER)
         information = white[:VALUE_ROW] @ white[:VALUE_ROW].T + ANYTHING

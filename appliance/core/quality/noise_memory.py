@@ -55,15 +55,15 @@ class NoiseMemory:
         return self._learned[0][1] if self._learned else None
 
     def until(self, t_ns: int) -> Noise | None:
-        """As last learned not after t_ns. A short window is held against noise from before it, into which a change
-        within it has not gone.
+        """The noise as last learned not after t_ns. A short window is held against noise from before it, into which a
+        change within it has not gone.
         """
         while len(self._learned) > 1 and self._learned[1][0] <= self._learned[-1][0] - WINDOW_NS:
             self._learned.popleft()
         return next((noise for learned_ns, noise in reversed(self._learned) if learned_ns <= t_ns), None)
 
     def for_window(self, window: PathWindow, t_ns: int) -> Noise | None:
-        """As last learned not after t_ns, with the habits of breaths that are not in the window."""
+        """The noise as last learned not after t_ns, with the habits of breaths that are not in the window."""
         noise = self.until(t_ns)
         if noise is None:
             return None

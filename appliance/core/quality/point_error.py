@@ -90,8 +90,8 @@ class Places:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bounds:
-    """At n places. mean (n, 3) and covariance (n, 3, 3) of the error, truth less reference, mm in the axes of the
-    picture; bounds_mm: (len(POINT_LEVELS), n).
+    """Bounds at n places. mean (n, 3) and covariance (n, 3, 3) of the error, truth less reference, mm in the axes of
+    the picture; bounds_mm: (len(POINT_LEVELS), n).
     """
 
     mean: Array

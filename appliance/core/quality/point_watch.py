@@ -113,7 +113,7 @@ class PointWatch:
         return self._places.error(centred, np.zeros((3, 4))).worst_mm[-1]
 
     def now(self, t_ns: int, status: VerificationStatus) -> PointError | None:
-        """At a picture. None while it is not known: something was not observed, something speaks against the
+        """Error at a picture. None while it is not known: something was not observed, something speaks against the
         calibration, or it is not known how the hand moves.
         """
         known = self._known(t_ns, status)

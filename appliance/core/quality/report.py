@@ -59,7 +59,7 @@ class LineReport:
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """From t_s on (seconds since the first sample of the recording) the room was in this state."""
+    """A change to this state at t_s (seconds since the first sample of the recording)."""
 
     t_s: float
     state: State

@@ -1,4 +1,4 @@
-"""For how long the probe was stationary, by tracker and picture together: meanwhile nothing need be shown again.
+"""How long the probe was stationary, by tracker and picture together: meanwhile nothing need be shown again.
 
 A probe that is held still shows nothing of its calibration. But while the tracker has the marker body where it was, and
 the picture has the tissue where it was, the body sits on the probe as it did, and the picture is as large and as much
@@ -137,7 +137,7 @@ class StationaryTime:
             self._begin(t_ns, pose, pictures)
 
     def since(self, t_ns: int, *, lasting: bool = False) -> int:
-        """For how long, ns, nothing has changed since t_ns, by the rest that was on then or the first that began soon
+        """How long, ns, nothing has changed since t_ns, by the rest that was on then or the first that began soon
         after; `Limits.at_rest_s` at most. 0 where tracker and picture had parted in between. lasting: 0 also once that
         rest is over.
         """

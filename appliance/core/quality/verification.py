@@ -83,7 +83,7 @@ class Verification:
         return frozenset(self._shown_ns)
 
     def rested_ns(self, name: str) -> int:
-        """For how long the probe has rested since this check was last shown. Of a latency only while the rest lasts:
+        """How long the probe has rested since this check was last shown. For a latency only while the rest lasts:
         it shows none, and may have changed all the while.
         """
         shown_ns = self._shown_ns.get(name)
@@ -102,7 +102,9 @@ class Verification:
 
     @property
     def status(self) -> VerificationStatus:
-        """As of now: verified where each required parameter was shown, and none, required or not, is contradicted."""
+        """The status as of now: verified where each required parameter was shown, and none, required or not, is
+        contradicted.
+        """
         required = tuple(self._ages_s)
         if self._contradictions or not self._shown_ns.keys() >= self._ages_s.keys():
             return VerificationStatus(required, contradictions=self.contradictions, rivals=self.rivals)
@@ -143,7 +145,7 @@ class Verification:
         self._shown_ns.pop(check.name, None)
 
     def _beyond(self, check: Check) -> bool:
-        """By its own sigmas, also where naming it waits for the latency to be known."""
+        """Whether it is beyond by its own sigmas, also where naming it waits for the latency to be known."""
         surely = check.name in PARAMETERS and check.least_ratio(self._confidence_sigma) > 1
         return surely or check.verdict is VerdictKind.FAULT
 

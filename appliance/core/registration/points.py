@@ -155,7 +155,7 @@ class Template(ctypes.Structure):
     def descend(
         self, picture: Picture, fit: Fit, most_steps: int, enough_px: float = 0.0, responding: bool = False
     ) -> None:
-        """So many steps, or until one is shorter than enough_px, which is called converged, or the fit is lost.
+        """Take so many steps, or until one is shorter than enough_px, which is called converged, or the fit is lost.
 
         responding: after each step see how much of the gradient is left; the next steps and the conclusion need it.
         """

@@ -25,7 +25,7 @@ class EventLog:
         self._log = get_log()
 
     def note(self, event: Event, **data: Any) -> None:
-        """In the alarm log alone."""
+        """Write it to the alarm log alone."""
         self._recorder.note(event, self._latch(), **data)
 
     def started(self, current: Reference | None, origin: dict[str, Any]) -> None:
@@ -42,7 +42,7 @@ class EventLog:
         self.note(Event.STATE, **said)
 
     def reference(self, reference: Reference) -> None:
-        """It has just come in force; the one that the start entry named is known."""
+        """Note that it has just come in force; the one that the start entry named is known."""
         if reference.entry.number == self._noted_reference:
             return
         self._noted_reference = reference.entry.number

@@ -92,7 +92,7 @@ class Hold:
         self._begun = None
 
     def look(self, now_ns: int, recalibrating: bool) -> None:
-        """Once a tick. recalibrating: the state in force."""
+        """Look, once a tick. recalibrating: the state in force."""
         begun = self._begun
         if begun is None or begun.ended is not None:
             return
@@ -127,7 +127,8 @@ class Hold:
         self._abort()
 
     def fields(self, peer: Peer, now_ns: int, recalibrating: bool, monitoring: bool) -> dict[str, Any] | None:
-        """As docs/control.md describes them for this peer; what was given up is reported until the cart monitors again.
+        """Fields as docs/control.md describes them for this peer; what was given up is reported until the cart monitors
+        again.
         """
         begun = self._begun
         if begun is None or monitoring or not (recalibrating or begun.ended):

@@ -6,7 +6,7 @@ from appliance.storage.alarm_chain import read_log
 
 
 def last_reference(folder: Path) -> str | None:
-    """In words, of the last entry that names one; None where none does, or the log cannot be read."""
+    """The last entry that names one, in words; None where none does, or the log cannot be read."""
     try:
         entries = read_log(folder).entries
     except OSError:

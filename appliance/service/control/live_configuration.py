@@ -42,7 +42,7 @@ class LiveConfiguration:
         self._log = get_log()
 
     def reload_if_asked(self) -> None:
-        """By a signal, which cannot be answered: what is refused is logged."""
+        """Reload if a signal asked for it, which cannot be answered: what is refused is logged."""
         if self.asked:
             self.asked = False
             try:

@@ -131,7 +131,9 @@ class Recalibration:
         self._refer(self._references.take(candidate, origin, who, text, _EVERYTHING if far else ()))
 
     def _far_from_before(self, candidate: Candidate) -> bool:
-        """From the one that was verified last: several near ones after each other, of which none was, lead far away."""
+        """Whether it is far from the one that was verified last: several near ones after each other, of which none was,
+        lead far away.
+        """
         before = self._before
         return before is not None and difference(before.calibration, candidate.calibration).beyond(self._limits())
 

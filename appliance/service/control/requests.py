@@ -147,7 +147,7 @@ class Requests:
         self._actions.hold.begin(self._peer, self._asking, hold_s, self._actions.now_ns())
 
     def _end_recalibration(self, body: Body) -> None:
-        """From then on the service proves by itself what was taken."""
+        """End it; from then on the service proves by itself what was taken."""
         self._refuse_other()
         self._actions.recalibration.end(_wanted(body, self._asking))
         self._actions.hold.give()

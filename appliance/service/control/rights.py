@@ -39,7 +39,7 @@ class Onlookers:
 
     @property
     def refused(self) -> frozenset[int]:
-        """Whose requests are."""
+        """Users whose requests are refused."""
         return self.all | self.of_units
 
 

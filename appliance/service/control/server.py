@@ -82,7 +82,7 @@ class _Client:
 
     @property
     def waits(self) -> bool:
-        """For an answer to a whole request."""
+        """Whether it waits for an answer to a whole request."""
         return b"\n" in self.received
 
 
@@ -240,7 +240,7 @@ class ControlServer:
         self._keep_spare()
 
     def _keep_spare(self) -> None:
-        """Also later: a device that is being opened may have taken it for a moment."""
+        """Keep it, also later: a device that is being opened may have taken it for a moment."""
         if self._spare is None:
             with contextlib.suppress(OSError):
                 self._spare = os.dup(self._lock_fd)

@@ -55,7 +55,7 @@ class ServiceStatus:
         self._hold, self._proposals = hold, proposals
 
     def fields(self, peer: Peer) -> dict[str, Any]:
-        """As docs/control.md describes them, for this peer."""
+        """Fields as docs/control.md describes them, for this peer."""
         now_ns, seen, config = self._supervision.now_ns, self._supervision, self._configuration.config
         assert seen.alarm is not None
         testing = self._annunciator.testing(now_ns)

@@ -69,7 +69,7 @@ def noise_fields(config: Config) -> dict[str, Any] | None:
 
 
 def reference_fields(reference: Reference) -> dict[str, Any]:
-    """As appliance.storage.reference_store.Entry describes them."""
+    """Fields as appliance.storage.reference_store.Entry describes them."""
     return reference.entry.model_dump(mode="json")
 
 

@@ -89,7 +89,9 @@ class Supervision:
 
 
 def supervisor_after(latch: Latch | None, durations: Durations) -> Supervisor:
-    """In the state that was latched when the last run ended; one that only another version knows counts as a HALT."""
+    """The supervisor in the state that was latched when the last run ended; one that only another version knows counts
+    as a HALT.
+    """
     if latch is None:
         return Supervisor(durations)
     state = next((state for state in LATCHED if state.value == latch.state), State.HALT)

@@ -56,12 +56,12 @@ class CartDevices:
             output.command(energised[output.signal], since_ns)
 
     def note_overload(self, since_ns: int | None) -> None:
-        """Since when this computer is short of time; None while it is not."""
+        """Note since when this computer is short of time; None while it is not."""
         for thread in self.threads:
             thread.overload_ns = since_ns
 
     def note_rates(self, now_ns: int) -> None:
-        """Once a tick."""
+        """Note the rates, once a tick."""
         self._fps["video"].note(now_ns, self.video.samples)
         self._fps["tracker"].note(now_ns, self.tracker.samples)
 

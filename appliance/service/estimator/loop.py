@@ -62,7 +62,7 @@ class Estimator:
             self._waking.register(source, select.POLLIN)
 
     def run(self) -> None:
-        """Until the peer closes the link."""
+        """Run until the peer closes the link."""
         readable = True
         try:
             while True:
@@ -118,7 +118,7 @@ class Estimator:
         return sorted(samples, key=lambda sample: sample.stamp.t_ns)
 
     def _wait(self) -> bool:
-        """Until a sample or settings come, or the next report is due. Whether the link has settings, or has closed."""
+        """Wait for a sample, settings or the next report. Whether the link has settings, or has closed."""
         pending = self._frames.pending or self._poses.pending
         left_ns = 0 if pending else self._reported_ns + _REPORT_EVERY_NS - self._real_ns()
         ready = self._waking.poll(max(0, math.ceil(left_ns / 1e6)))

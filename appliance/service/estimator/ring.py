@@ -121,7 +121,7 @@ class Ring:
             os.close(self.fds.memory)
 
     def fileno(self) -> int:
-        """For poll: readable when a sample has been put."""
+        """Descriptor for poll: readable when a sample has been put."""
         return self.fds.reading
 
     @property

@@ -63,7 +63,7 @@ class Subscription:
         return self._page[_EPOCH]
 
     def want(self, wanted: int) -> None:
-        """From now on."""
+        """Subscribe to this from now on."""
         if wanted and not self._page[_WANTED]:
             self._page[_EPOCH] = (self._page[_EPOCH] + 1) % 256
         self._page[_WANTED] = wanted
@@ -97,7 +97,7 @@ class TapFds(NamedTuple):
 
     @classmethod
     def of(cls, numbers: Sequence[int]) -> Self:
-        """From five numbers of a command line."""
+        """Made from five numbers of a command line."""
         packets, *ring, subscription = numbers
         return cls(packets, RingFds(*ring), subscription)
 

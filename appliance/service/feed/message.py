@@ -79,7 +79,7 @@ class Judged:
 
 @dataclass(frozen=True, slots=True)
 class Lost:
-    """So many samples, with the verdicts that they gave, were not sent to this client at this place."""
+    """Number of samples that, with their verdicts, were not sent to this client at this place."""
 
     samples: int
 

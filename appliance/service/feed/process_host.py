@@ -94,7 +94,7 @@ class FeedHost:
         return self._tap.fds
 
     def look_after(self) -> None:
-        """Once a tick; never blocks. Start the process when a client waits, and reap it when it has ended."""
+        """Start the process, once a tick and without blocking, when a client waits, and reap it when it has ended."""
         self._reap()
         now_s = time.monotonic()
         if self._process is not None:

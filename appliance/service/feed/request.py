@@ -27,7 +27,7 @@ class FeedRequest:
     ignored: tuple[str, ...] = ()
 
     def line(self) -> bytes:
-        """As it is sent."""
+        """The line as it is sent."""
         asked = {"v": VERSION, "pictures": self.pictures, "every": self.every, "most_px": self.most_px}
         return json.dumps(asked).encode() + b"\n"
 

@@ -21,5 +21,5 @@ class DelayHistogram:
         self._sum_ms += delay_ms
 
     def fields(self) -> dict[str, Any]:
-        """For the status: `le_ms`, one count more than bounds in `counts`, and `sum_ms`."""
+        """Fields for the status: `le_ms`, one count more than bounds in `counts`, and `sum_ms`."""
         return {"le_ms": list(self._bounds_ms), "counts": list(self._counts), "sum_ms": round(self._sum_ms, 3)}

@@ -35,7 +35,7 @@ class HostWatch:
         self._log = get_log()
 
     def begin_tick(self, now_ns: int) -> None:
-        """Before anything else is done in it."""
+        """Begin a tick, before anything else is done in it."""
         self.ticks.note(now_ns)
         by_s = self._wall_clock.look(self._clock.real_ns(), self._wall_ns())
         if by_s is not None:
@@ -44,5 +44,5 @@ class HostWatch:
         self._recorder.watch(self.overload.since_ns is not None)
 
     def fields(self, now_ns: int) -> dict[str, Any]:
-        """For the status."""
+        """Fields for the status."""
         return {"tick": self.ticks.fields(), "load": self.overload.fields(now_ns)}

@@ -48,7 +48,7 @@ class OverloadWatch:
         return self._notes.worth_an_entry(before, alarm)
 
     def fields(self, now_ns: int) -> dict[str, float | None]:
-        """For status and log. Shares are of the last second."""
+        """Fields for status and log. Shares are of the last second."""
         pressure, since_ns = self._overload.pressure, self.since_ns
         return {
             "pressure": None if math.isnan(pressure) else round(pressure, 3),

@@ -15,6 +15,6 @@ _FIRST = 3
 
 
 def own_files() -> None:
-    """From now on the calling thread has a table of open files of its own, with nothing in it (unshare(2))."""
+    """Give the calling thread a table of open files of its own, with nothing in it (unshare(2))."""
     if ctypes.CDLL(None).unshare(_CLONE_FILES) == 0:
         os.closerange(_FIRST, resource.getrlimit(resource.RLIMIT_NOFILE)[0])

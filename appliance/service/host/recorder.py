@@ -191,7 +191,7 @@ class Recorder(threading.Thread):
             self._reported_dropped += dropped
 
     def _look_at_room(self) -> None:
-        """For people who plan; nothing depends on it, so that a look changes nothing."""
+        """Measure the free space of the disk, for people who plan; nothing depends on it."""
         try:
             with self._asking():
                 disk = os.statvfs(self._folder)

@@ -102,8 +102,8 @@ class Lines:
 
 
 def received_by(link: socket.socket, most_bytes: int, end_s: float) -> bytes:
-    """As recv, until end_s by time.monotonic, which may be inf. What has come by then counts, however late this host
-    looks at it. Raises OSError, TimeoutError among them.
+    """Receive, like recv, until end_s by time.monotonic, which may be inf. What has come by then counts, however late
+    this host looks at it. Raises OSError, TimeoutError among them.
     """
     link.settimeout(None if end_s == math.inf else max(0.0, end_s - time.monotonic()))
     try:

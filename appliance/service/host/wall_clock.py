@@ -13,7 +13,7 @@ class WallClock:
         self._ahead_ns: int | None = None
 
     def look(self, monotonic_ns: int, wall_ns: int) -> float | None:
-        """By how many seconds the wall clock was stepped since the last look; None where it was not."""
+        """Step of the wall clock since the last look, s; None where there was none."""
         ahead_ns, before_ns = wall_ns - monotonic_ns, self._ahead_ns
         self._ahead_ns = ahead_ns
         if before_ns is None or abs(ahead_ns - before_ns) < _LEAST_NS:

@@ -21,7 +21,7 @@ class Replies:
     status: PoseStatus | None = None
 
     def noted(self, status: PoseStatus, at_ns: int) -> "Replies":
-        """With a reply of that status at at_ns."""
+        """The replies with one of that status at at_ns."""
         return Replies(
             reply_ns=self.reply_ns if status is PoseStatus.DISABLED else at_ns,
             fresh_ns=self.fresh_ns if status in (PoseStatus.STALE, PoseStatus.FAULT) else at_ns,

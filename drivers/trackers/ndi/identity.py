@@ -46,7 +46,7 @@ class Identity:
 
     @property
     def has_bx2(self) -> bool:
-        """By the revision of its interface."""
+        """Whether it has BX2, by the revision of its interface."""
         parts = self.api.split(".")
         return len(parts) >= 2 and parts[1].isdecimal() and int(parts[1]) >= _FIRST_API_WITH_BX2
 
@@ -62,7 +62,7 @@ class Identity:
 
 
 def identity_of(version: str, api: str) -> Identity:
-    """From the replies to VER 4 and APIREV; either may be empty."""
+    """Identity by the replies to VER 4 and APIREV; either may be empty."""
     first, _, rest = version.partition("\n")
     stated = dict(line.split(":", 1) for line in rest.splitlines() if ":" in line)
     known = {key.strip(): value.strip() for key, value in stated.items()}

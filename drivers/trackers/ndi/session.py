@@ -1,4 +1,4 @@
-"""From any state of the device to tracking, and back: INIT, line speed, identity, tracking mode."""
+"""Brings a device in any state to tracking, and back: INIT, line speed, identity, tracking mode."""
 
 from contextlib import suppress
 

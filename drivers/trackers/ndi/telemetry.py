@@ -48,7 +48,7 @@ class NdiTelemetry:
 
 
 def describe(telemetry: NdiTelemetry) -> Description:
-    """In words; see drivers.device_api.Identified."""
+    """The description, in words; see drivers.device_api.Identified."""
     identity = telemetry.identity
     return Description(
         model=identity.title or "NDI tracker",

@@ -86,7 +86,7 @@ class Tool:
 
     @property
     def name(self) -> str:
-        """For messages."""
+        """Name for messages."""
         if self.information is None or self.information.wireless:
             return f"tool {self.handle:02X}"
         half = "ab"[self.information.channel] if self.five_dof else ""

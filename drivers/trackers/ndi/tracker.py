@@ -66,7 +66,7 @@ class NdiTracker:
             raise
 
     def _start(self, options: TrackerOptions) -> None:
-        """From any state of the device to the first request for a pose."""
+        """Bring the device from any state to the first request for a pose."""
         session, clock = self._session, self._clock
         session.start(options.baud, options.requested_tools)
         self._probe = choose_probe(session.tools, options.probe is not None, self._link.where)

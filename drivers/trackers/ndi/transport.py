@@ -63,7 +63,7 @@ class ByteLine(Protocol):
     def baud(self) -> int | None: ...
 
     def fileno(self) -> int:
-        """For select()."""
+        """Descriptor for select()."""
 
     def read(self) -> bytes:
         """What has come; empty at the end of the line."""

@@ -123,7 +123,7 @@ class CombinedApi:
         self.reset()
 
     def reset(self) -> None:
-        """As after power-up or a break: no handles, 9600 baud, set-up mode. Only a bump is remembered."""
+        """Reset, as after power-up or a break: no handles, 9600 baud, set-up mode. Only a bump is remembered."""
         self.mode = Mode.SETUP
         self.baud = 9600
         self.ports: dict[int, Port] = {}

@@ -69,12 +69,12 @@ class Measurement:
         return bool(self.status & _INTERFERENCE)
 
     def markers(self, everywhere: bool) -> Markers:
-        """For TX and BX. everywhere: positions outside the volume are wanted as well."""
+        """Markers for TX and BX. everywhere: positions outside the volume are wanted as well."""
         pairs = zip(self.positions_mm, self.outside, strict=True)
         return Markers(self.outside, tuple(place if everywhere or not out else None for place, out in pairs))
 
     def information(self) -> ToolInformation:
-        """For TX and BX."""
+        """Information for TX and BX."""
         used = _NIBBLE_OUTSIDE if self.transform is None else _NIBBLE_USED_OUTSIDE
         nibbles = [used if out else _NIBBLE_USED for out in self.outside]
         return ToolInformation(0, tuple(nibbles + [0] * (MOST_MARKERS - len(nibbles))))

@@ -21,7 +21,7 @@ Measured = dict[int, tuple[int, Measurement]]
 
 
 def tracking_reply(measured: Measured, frame: int, system_status: int, options: int) -> TrackingReply:
-    """For TX and BX with the given reply options."""
+    """Reply to TX and BX with the given reply options."""
     tools = tuple(_tool(handle, status, seen, frame, options) for handle, (status, seen) in measured.items())
     return TrackingReply(tools, system_status, Markers((), ()))
 

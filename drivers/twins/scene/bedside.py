@@ -42,7 +42,7 @@ class Bedside(World):
         self._followed_s, self._face_mm, self._drag_mm = -np.inf, np.zeros(2), np.zeros(2)
 
     def frame(self, t_s: float, index: int, active: Collection[str] = ()) -> GreyImage:
-        """As World.frame; what it averages over are the pictures that were asked for before."""
+        """See World.frame; what it averages over are the pictures that were asked for before."""
         processing = self.surroundings.processing
         number = index // processing.repeats
         if number != self._shown[0]:

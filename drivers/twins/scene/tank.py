@@ -24,11 +24,11 @@ class PlaceOfWork:
         return self._tissue.settings
 
     def frame(self, t_s: float, index: int, active: Collection[str] = ()) -> GreyImage:
-        """As World.frame."""
+        """See World.frame."""
         return self._here(t_s).frame(t_s, index, active)
 
     def measured_pose(self, t_s: float, index: int) -> Matrix4:
-        """As World.measured_pose."""
+        """See World.measured_pose."""
         return self._here(t_s).measured_pose(t_s, index)
 
     def _here(self, t_s: float) -> World:

@@ -209,7 +209,7 @@ class Renderer:
         return np.asarray(self._x_mm, np.float64), np.asarray(self._y_mm, np.float64)
 
     def _node_steps(self) -> tuple[float, float]:
-        """Between nodes, in the unit of each axis."""
+        """Steps between nodes, in the unit of each axis."""
         return _NODE_MM, _NODE_MM
 
     def _node_places(self, across: Array, down: Array) -> tuple[Array, Array]:

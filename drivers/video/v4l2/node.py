@@ -51,14 +51,14 @@ class Node:
             return
 
     def must(self, request: int, argument: "Structure | c_int", doing: str) -> None:
-        """As ask, but what the kernel refuses is DeviceLost. doing: what was tried, for refusals without a meaning."""
+        """Ask; what the kernel refuses is DeviceLost. doing: what was tried, for refusals without a meaning."""
         try:
             self.ask(request, argument)
         except OSError as error:
             raise self.lost(error, doing) from error
 
     def allows(self, request: int, argument: "Structure | c_int") -> bool:
-        """As ask; False where the driver does not know this request or has nothing to say."""
+        """Ask; False where the driver does not know this request or has nothing to say."""
         try:
             self.ask(request, argument)
         except OSError as error:

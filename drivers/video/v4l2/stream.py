@@ -55,7 +55,7 @@ class Stream:
             raise
 
     def close(self) -> None:
-        """Also after the device has gone: a refusal is of no interest any more."""
+        """Close it, also after the device has gone: a refusal is of no interest any more."""
         with suppress(OSError):
             self._node.ask(abi.STREAMOFF, c_int(abi.BUF_TYPE_VIDEO_CAPTURE))
         for one in self._maps:
