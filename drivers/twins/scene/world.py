@@ -260,7 +260,7 @@ class _Screen:
         return self.drawn(1.0)
 
     def drawn(self, magnified: float) -> GreyImage:
-        """Arcs, ruler and words, drawn at a depth that magnifies the picture: the ruler's ticks lie that much further apart."""
+        """The overlay at a depth that magnifies the picture: the ruler's ticks lie that much further apart."""
         if magnified not in self._drawn:
             text = np.zeros((self._size_px[1], self._size_px[0]), np.uint8)
             self._draw_arcs(text)
