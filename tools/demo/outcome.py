@@ -50,7 +50,7 @@ class Prompt:
 
     @property
     def text(self) -> str:
-        """For the operator."""
+        """Text for the operator."""
         if not self.missing:
             return f"shown: all {self.asked}"
         shown = f"shown: {self.asked - len(self.missing)} of {self.asked}"

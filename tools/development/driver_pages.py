@@ -67,7 +67,7 @@ def _see(driver: Driver) -> str:
 
 
 def _cell(text: str) -> str:
-    """As code in a cell of a table, where a bar would end it."""
+    """Code in a cell of a table, where a bar would end it."""
     return f"`{text}`".replace("|", "\\|")
 
 

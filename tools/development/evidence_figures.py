@@ -46,7 +46,7 @@ class Origin:
 
 @dataclass(frozen=True)
 class Score:
-    """Of (value − truth) ÷ sigma at the looks of all runs: root of the mean square, and largest size."""
+    """Score of (value − truth) ÷ sigma at the looks of all runs: root of the mean square, and largest size."""
 
     rms: float
     worst: float
@@ -112,11 +112,13 @@ class Figures:
     found: list[Found]
 
     def plain(self) -> dict[str, object]:
-        """As JSON takes it."""
+        """The value as JSON takes it."""
         return asdict(self)
 
     def updated(self, now: "Figures") -> "Figures":
-        """With what was measured now in the place of the same conditions before; all else stays, with its commit."""
+        """The figures with what was measured now in the place of the same conditions before; all else stays, with its
+        commit.
+        """
         healthy = {one.origin.conditions: one for one in (*self.healthy, *now.healthy)}
         found = {(*one.origin.conditions, one.hazard): one for one in (*self.found, *now.found)}
         return Figures([healthy[key] for key in sorted(healthy)], [found[key] for key in sorted(found)])
@@ -131,7 +133,7 @@ class Figures:
 
 
 def figures(rows: Sequence[Row]) -> Figures:
-    """Of the rows of study.csv."""
+    """Figures of the rows of study.csv."""
     alike = ("session", "tissue", "noise_mm", "asked", "duration_s")
     healthy = _grouped([row for row in rows if row["hazard"] == "none"], alike)
     sick = _grouped([row for row in rows if row["hazard"] != "none"], (*alike, "hazard"))
@@ -181,7 +183,7 @@ def _healthy(rows: list[Row]) -> Healthy:
 
 
 def _score(rows: list[Row], name: str) -> Score | None:
-    """Of a check that was measured at all."""
+    """Score of a check that was measured at all."""
     truth = truth_of(name, rows)
     return Score(round(truth.rms, 3), round(truth.worst, 2)) if isfinite(truth.rms) else None
 

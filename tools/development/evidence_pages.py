@@ -159,7 +159,7 @@ def _worst(one: Healthy) -> str:
 
 
 def _mean(shares: list[float]) -> str:
-    """With Student's interval, cut to what a share can be."""
+    """Mean with Student's interval, cut to what a share can be."""
     if len(shares) < 2:
         return "one run"
     half = float(student.ppf(0.975, len(shares) - 1)) * stdev(shares) / sqrt(len(shares))
@@ -367,7 +367,7 @@ def _quiet_nats(figures: Figures) -> list[float]:
 
 
 def _class_nats(found: list[Found]) -> dict[Fault, list[float]]:
-    """Of each class that was measured."""
+    """Nats of each class that was measured."""
     each = {fault: [nats for one in of_fault(found, fault) for nats in one.nats] for fault in FAULTS.values()}
     return {fault: nats for fault, nats in each.items() if nats}
 

@@ -35,13 +35,13 @@ none came the rate is under {none:.1f} ÷ hours. Seeds 1 to {seeds}, commit {com
 
 
 def interval(events: int, hours: float) -> tuple[float, float]:
-    """Of a rate per hour, Poisson, both sides."""
+    """Interval of a rate per hour, Poisson, both sides."""
     low = float(chi2.ppf(_TAIL, 2 * events)) / 2 if events else 0.0
     return low / hours, float(chi2.ppf(1 - _TAIL, 2 * events + 2)) / 2 / hours
 
 
 def false_alarm_lines() -> list[str]:
-    """Of the page, as it was last measured."""
+    """Lines of the page, as last measured."""
     figures: Mapping[str, Any] = json.loads(FIGURES.read_text(encoding="utf-8"))
     commits = ", ".join(f"`{one}`" for one in figures["commits"])
     told = _TEXT.format(seeds=figures["seeds"], commits=commits, none=interval(0, 1.0)[1])
@@ -77,7 +77,7 @@ def _peaks(figures: Mapping[str, Any]) -> list[str]:
 
 
 def _above(peaks: Sequence[float]) -> str:
-    """Up to the first level that none passed. peaks: the highest first."""
+    """Counts up to the first level that none passed. peaks: the highest first."""
     counts = [sum(peak > level for peak in peaks) for level in _LEVELS_NATS]
     told = counts.index(0) + 1 if 0 in counts else len(counts)
     levels = zip(counts[:told], _LEVELS_NATS, strict=False)

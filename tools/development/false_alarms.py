@@ -146,7 +146,7 @@ class _Played:
 
 
 def _motions(session: Session, t_s: Array) -> Iterator[Motion | None]:
-    """Of each picture; None while the probe is off the skin. Each touch begins a chain."""
+    """Motion of each picture; None while the probe is off the skin. Each touch begins a chain."""
     random = np.random.default_rng((session.seed, 67))
     reference, touches = session.reference, session.touches(t_s)
     signs_mm = np.array(reference.polarity) * reference.scale_mm_per_px
@@ -220,13 +220,13 @@ _HOURS = {"hours": "duration_s", "ok_h": "ok_s"}
 
 
 def _total(rows: list[Row]) -> dict[str, float]:
-    """Of all rows of one kind."""
+    """Total of all rows of one kind."""
     hours = {name: round(sum(float(row[column]) for row in rows) / 3600, 3) for name, column in _HOURS.items()}
     return {"rows": len(rows), **hours, **{name: sum(int(row[name]) for row in rows) for name in _COUNTS}}
 
 
 def _highest(rows: list[Row], kind: str) -> list[float]:
-    """Of all blocks, the highest first."""
+    """Peaks of all blocks, the highest first."""
     return sorted((float(peak) for row in rows for peak in row[kind].split()), reverse=True)
 
 

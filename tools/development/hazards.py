@@ -76,7 +76,7 @@ def _tests(hazard: Fault) -> list[str]:
 
 
 def _severity(row: Policy) -> str:
-    """Of the worst state that it leads to."""
+    """Severity of the worst state that it leads to."""
     reached = {SIGNALS[step.state].priority for step in row.steps}
     return next((priority.value for priority in _PRIORITIES if priority in reached), "advisory")
 
@@ -150,7 +150,9 @@ def _imported(tree: ast.Module) -> Iterator[str]:
 
 
 def _named(tree: ast.Module) -> set[Fault]:
-    """By its member of Fault, by the word that JSON and log have for it, or by what the operator reads."""
+    """Whether it is named by its member of Fault, by the word that JSON and log have for it, or by what the operator
+    reads.
+    """
     words = {text: hazard for hazard, row in HAZARDS.items() for text in (hazard.value, row.text)}
     found = set()
     for node in ast.walk(tree):

@@ -181,7 +181,7 @@ def _or_none(value: float) -> float | None:
 
 
 def read_figures() -> list[Figure]:
-    """Of docs/profiles.json."""
+    """Figures of docs/profiles.json."""
     return list(json.loads(DATA.read_text(encoding="utf-8")))
 
 

@@ -86,8 +86,8 @@ class Slip:
 
 @dataclass(frozen=True)
 class Seen:
-    """Of one session, way, size and duration, over all axes and both signs: slips tried, named as what they are and
-    otherwise within SOON_S, and doubted without a name."""
+    """Counts of one session, way, size and duration, over all axes and both signs: slips tried, named as what they are
+    and otherwise within SOON_S, and doubted without a name."""
 
     session: str
     tissue: str
@@ -102,7 +102,7 @@ class Seen:
 
 @dataclass(frozen=True)
 class Quiet:
-    """Of one session without a slip: hours played, faults named, doubts."""
+    """Counts of one session without a slip: hours played, faults named, doubts."""
 
     session: str
     tissue: str
@@ -272,7 +272,7 @@ def _rows(seen: list[Seen]) -> Iterator[tuple[str, ...]]:
 
 
 def _cell(same: list[Seen]) -> str:
-    """Of all sessions together."""
+    """The cell of all sessions together."""
     tried, named = sum(one.tried for one in same), sum(one.named for one in same)
     misnamed, doubted = sum(one.misnamed for one in same), sum(one.doubted for one in same)
     if not tried:

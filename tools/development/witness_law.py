@@ -105,7 +105,7 @@ def hours_named(tracker: Tracker, hours: int, seed: int = 1) -> tuple[int, float
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Found:
-    """Of each look. ends: readings until it. named: whether it names one. limits: (looks, 2) where it would."""
+    """What each look found. ends: readings until it. named: whether it names one. limits: (looks, 2) where it would."""
 
     ends: NDArray[np.intp]
     named: NDArray[np.bool_]

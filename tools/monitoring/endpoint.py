@@ -96,13 +96,13 @@ class Endpoint(ThreadingHTTPServer):
         _end(leaves)
 
     def note_asked(self, request: socket.socket) -> None:
-        """It has sent its whole question."""
+        """Note that it has sent its whole question."""
         with self._done:
             if request in self._open:
                 self._open[request].asked = True
 
     def shutdown_request(self, request: Any) -> None:
-        """It has been answered, or ended."""
+        """Note that it has been answered, or ended."""
         with self._done:
             self._open.pop(request, None)
             self._done.notify()

@@ -40,7 +40,7 @@ def contact_closed(status: Status) -> bool:
 
 
 def silent(now_s: float) -> list[Metric]:
-    """Of a service that does not answer: nothing but that. now_s: s since 1970."""
+    """The metrics of a service that does not answer: nothing but that. now_s: s since 1970."""
     return [_up(0), _gauge("exposition_timestamp_seconds", "When this was asked, since 1970", now_s)]
 
 
@@ -59,7 +59,7 @@ def _up(value: int) -> Metric:
 
 
 def _gauge(name: str, what: str, value: float | None) -> Metric:
-    """Without a sample where the value is None."""
+    """A gauge, without a sample where the value is None."""
     metric = GaugeMetricFamily(f"probewatch_{name}", what)
     if value is not None:
         metric.add_metric([], float(value))
@@ -175,7 +175,7 @@ def _samples(status: Status) -> Iterator[Metric]:
 
 
 def _outputs(status: Status) -> Iterator[Metric]:
-    """By their place in the configuration, from 1 on."""
+    """Outputs by their place in the configuration, from 1 on."""
     labels = ["output", "signal"]
     energised = GaugeMetricFamily("probewatch_output_energised", "1: written last, 0: the other", labels=labels)
     writes = CounterMetricFamily("probewatch_output_writes", "Completed writes", labels=labels)

@@ -68,13 +68,13 @@ class CartReport:
     reference: str | None = None
 
     def fields(self) -> dict[str, Any]:
-        """For JSON."""
+        """Fields for JSON."""
         return {**asdict(self), "needs": list(self.needs)}
 
 
 @dataclass(slots=True)
 class _Seen:
-    """Of one cart: (labels, value) under the names of _QUERIES."""
+    """What was seen of one cart: (labels, value) under the names of _QUERIES."""
 
     said: dict[str, list[tuple[Mapping[str, str], float]]] = field(default_factory=dict)
 

@@ -108,7 +108,7 @@ def _password(file: Path) -> str:
 
 
 def _tls(ca: Path | None, certificate: Path | None, key: Path | None) -> ssl.SSLContext:
-    """Of a broker whose name its certificate must bear. ca: None for the system's authorities."""
+    """TLS for a broker whose name its certificate must bear. ca: None for the system's authorities."""
     where = ", ".join(str(file) for file in (ca, certificate, key) if file is not None)
     try:
         context = ssl.create_default_context(cafile=None if ca is None else str(ca))
@@ -183,7 +183,7 @@ class Publisher:
         self._client = self._make_client(f"probewatch-{cart}")
 
     def run(self, stop: threading.Event) -> None:
-        """Until told to stop; then the cart is told to be offline."""
+        """Publish until stopped; then the cart is published as offline."""
         wait_s = _FIRST_WAIT_S
         while not stop.is_set():
             if self._connect():
@@ -241,7 +241,7 @@ class Publisher:
         return False
 
     def _words_of(self, error: OSError | ValueError) -> str:
-        """Without the number of the error; a port that speaks no TLS breaks off, or answers in the clear."""
+        """The words of an error without its number; a port that speaks no TLS breaks off, or answers in the clear."""
         said = printable(system_words(error))
         plain = self._broker.tls is not None and isinstance(error, ConnectionResetError | ssl.SSLEOFError)
         plain |= isinstance(error, ssl.SSLError) and error.reason in _IN_THE_CLEAR
@@ -266,7 +266,7 @@ class Publisher:
         self._publish(self._state, json.dumps({**now, "utc": utc}, ensure_ascii=False))
 
     def _wait(self, stop: threading.Event) -> None:
-        """Until the next look; the end is not kept waiting."""
+        """Wait until the next look; the end is not kept waiting."""
         end_s = time.monotonic() + _LOOK_S
         while time.monotonic() < end_s and not self._gone.is_set() and not stop.wait(0.05):
             pass
@@ -284,7 +284,7 @@ class Publisher:
         self._client.loop_stop()
 
     def _say_trouble(self, why: str) -> None:
-        """Once while it lasts: that it is away, whatever the network says of it, or that it refuses this cart."""
+        """Say once, while it lasts, that it is away, whatever the network says of it, or that it refuses this cart."""
         kind = "refused" if self._refused else "away"
         if self._trouble != kind:
             self._say(f"no broker at {self._broker.host}:{self._broker.port}: {why}; trying again")

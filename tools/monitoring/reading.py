@@ -49,7 +49,7 @@ class Exposition(Collector):
         return []
 
     def text(self) -> bytes:
-        """In the text format 0.0.4, which every reader of metrics understands."""
+        """The text format 0.0.4, which every reader of metrics understands."""
         registry = CollectorRegistry()
         registry.register(self)
         return generate_latest(registry)

@@ -61,7 +61,7 @@ class Passage:
         return self._read_fd
 
     def want(self, wanted: Wanted) -> None:
-        """From now on; the feed is left alone while nothing is."""
+        """Set what is wanted from now on; the feed is left alone while nothing is."""
         before, self._wanted = self._wanted, wanted
         if (any(before), before.pictures) != (any(wanted), wanted.pictures):
             self._changed.set()

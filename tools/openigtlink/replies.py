@@ -5,7 +5,7 @@ from drivers.openigtlink.message import Message
 
 
 def reply(message: Message, kind: str, content: bytes) -> Message:
-    """To the device that was asked."""
+    """The reply to the device that was asked."""
     return Message(kind, message.device, content, version=min(message.version, 2), number=number_of(message))
 
 
@@ -15,5 +15,5 @@ def refusal(message: Message, code: int, words: str) -> Message:
 
 
 def number_of(message: Message) -> int:
-    """Of the question; headers of version 1 have none, so 0."""
+    """Number of the question; headers of version 1 have none, so 0."""
     return message.number if message.version > 1 else 0

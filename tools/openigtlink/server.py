@@ -205,7 +205,7 @@ class StateServer:
         client.flush()
 
     def _complain(self, client: _Client) -> None:
-        """Of pictures and poses that it has asked for and that do not come."""
+        """Complain of pictures and poses that it has asked for and that do not come."""
         trouble = self._passage.trouble
         late = client.asked.overdue(time.monotonic())
         if client.asked.streams and trouble and trouble != client.trouble:
@@ -215,7 +215,7 @@ class StateServer:
             client.put(nothing_comes(device, trouble, client.version))
 
     def _hand_on(self) -> None:
-        """To whom it is asked for. Who has not taken the last picture is not given another."""
+        """Hand it to the clients that asked for it. One that has not taken the last picture is not given another."""
         for sample in self._passage.take():
             self._show_all(sample)
 

@@ -141,7 +141,7 @@ def estimate_message(seen: Seen, utc_ns: int, version: int = 1, number: int = 0)
 
 
 def metadata_of(seen: Seen) -> tuple[Entry, ...]:
-    """Of every message of header version 2."""
+    """Metadata of every message of header version 2."""
     fields, status = _facts(seen), status_of(seen)
     age_s = fields.get("verification_age_s")
     told = {

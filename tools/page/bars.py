@@ -58,7 +58,7 @@ def _text(name: str, value: float, sigma: float | None, unit: str, limit: float,
 
 
 def _with_unit(figure: str, unit: str, language: str) -> str:
-    """With the decimal sign of the language."""
+    """The value with its unit and the decimal sign of the language."""
     return figures(figure, language) + ("°" if unit == "deg" else f" {unit}")
 
 
@@ -76,7 +76,7 @@ def rounded(value: float, sigma: float | None, limit: float) -> str:
 
 
 def _figure(value: float, places: int) -> str:
-    """Without a sign before 0, and with a minus as long as a digit."""
+    """The figure without a sign before 0, and with a minus as long as a digit."""
     text = f"{round(value, places):.{max(places, 0)}f}"
     negative = text.startswith("-") and any(sign in text for sign in "123456789")
     return ("\u2212" if negative else "") + text.removeprefix("-")

@@ -47,7 +47,7 @@ class Connection(H11Protocol):
 
     @property
     def address(self) -> str:
-        """Of the other end."""
+        """Address of the other end."""
         return "" if self.client is None else self.client[0]
 
     @property
@@ -57,12 +57,12 @@ class Connection(H11Protocol):
 
     @property
     def keeps_place(self) -> bool:
-        """It has asked all of it; who sends the head of a request, and no body, has not."""
+        """Whether it has sent a whole request; one that sends the head of it, and no body, has not."""
         return self.asks and not self.cycle.more_body
 
     @property
     def listens(self) -> bool:
-        """It is told events, which do not end."""
+        """Note that it is sent events, which do not end."""
         return self.asks and self.scope["path"] == EVENTS
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]  # as uvicorn has it
@@ -91,7 +91,7 @@ class Connection(H11Protocol):
         self._handle()
 
     def on_response_complete(self) -> None:
-        """For the next request the deadline begins anew."""
+        """Begin the deadline anew for the next request."""
         self.idle_since_s = self.loop.time()
         super().on_response_complete()
         if not self.asks:
@@ -112,12 +112,12 @@ class Connection(H11Protocol):
             self._end_deadline()
 
     def pause_writing(self) -> None:
-        """It does not take what is sent."""
+        """Note that it does not take what is sent."""
         super().pause_writing()
         self._allow(_ASLEEP_S)
 
     def resume_writing(self) -> None:
-        """It does again."""
+        """Note that it takes it again."""
         super().resume_writing()
         if self.asks:
             self._end_deadline()
@@ -130,8 +130,9 @@ class Connection(H11Protocol):
             self.transport.abort()
 
     def _make_room(self) -> None:
-        """Of the address that has most places: who has asked nothing leaves first, then who has been idle longest, then
-        who has waited longest for an answer; the newcomer itself, where its own address has most and nobody does.
+        """Drop a client of the address that has most places: who has asked nothing leaves first, then who has been idle
+        longest, then who has waited longest for an answer; the newcomer itself, where its own address has most and
+        nobody does.
         """
         there = [one for one in self.connections if isinstance(one, Connection) and not one.transport.is_closing()]
         held = Counter(one.address for one in there)

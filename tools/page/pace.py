@@ -20,7 +20,7 @@ class Pace:
         self._next_s: dict[str, float] = {}
 
     def wait_s(self, address: str, now_s: float) -> float:
-        """For how long this request waits, 0 where it need not. It is counted."""
+        """How long this request waits, s, 0 where it need not. It is counted."""
         if len(self._next_s) >= _MOST_ADDRESSES:
             self._next_s = {one: next_s for one, next_s in self._next_s.items() if next_s > now_s - _AT_ONCE_S}
         next_s = max(self._next_s.get(address, 0.0), now_s - _AT_ONCE_S) + self._every_s

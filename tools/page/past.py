@@ -66,7 +66,7 @@ def hour(entries: Sequence[Entry], now_s: float) -> list[dict[str, Any]]:
 
 
 def _stretches(entries: Sequence[Entry]) -> Iterator[Stretch]:
-    """After a service that did not say that it stops, nothing is known from its last entry on."""
+    """The stretches; after a service that did not say that it stops, nothing is known from its last entry on."""
     before: Entry | None = None
     for entry in entries:
         if entry.event == Event.STARTED and before is not None and before.event != Event.STOPPED:
@@ -97,7 +97,7 @@ def _local(utc: str) -> str:
 
 
 def _moment(utc: str) -> datetime:
-    """Of 1970 where it is none, as a damaged entry may say."""
+    """The moment; 1970 where it is none, as a damaged entry may say."""
     try:
         return datetime.fromisoformat(utc)
     except ValueError:

@@ -315,7 +315,7 @@ def _guarded(send: Send) -> Callable[[Message], Awaitable[None]]:
 
 
 def _address(request: Request) -> str:
-    """Of who asks; one for all who come through a proxy."""
+    """Address of the client; one for all that come through a proxy."""
     return "" if request.client is None else request.client.host
 
 

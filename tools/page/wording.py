@@ -13,7 +13,7 @@ _BACK_DE = "nicht bestätigt, die Kalibrierung davor ist in Kraft: "
 
 
 def translated_text(text: str, language: str) -> str:
-    """In the language, with its decimal sign; as it was where it cannot be told whole."""
+    """The text in the language, with its decimal sign; unchanged where it cannot be translated whole."""
     said = languages.translated_text(text, language)
     return said if said == text else figures(said, language)
 

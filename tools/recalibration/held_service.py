@@ -64,13 +64,13 @@ class HeldService:
         self._looked_ns, self._gave_way, self._lost = self._asked_ns, False, False
 
     def keep(self) -> None:
-        """It goes on recalibrating for us where it does; it is asked for nothing, whoever may look on."""
+        """Keep it recalibrating for us where it does; it is asked for nothing, whoever may look on."""
         if not self.speak():
             raise ControlRefused("the service does not wait for this scan. The scan is kept; signing it asks again")
 
     def hold(self, seen: Seen, wanted: bool = False) -> None:
-        """It recalibrates for us, or is asked to again. seen: its status. wanted: a person asks for it now, which takes
-        it also from monitoring.
+        """Have it recalibrate for us, or ask it to again. seen: its status. wanted: a person asks for it now, which
+        takes it also from monitoring.
         """
         since_ns, self._looked_ns = self._looked_ns, time.monotonic_ns()
         if self.speak():
@@ -152,6 +152,8 @@ class HeldService:
 
 
 def _without_us(status: dict[str, Any]) -> bool:
-    """It monitors, or recalibrates for somebody else; what says that it is for us was said before it was lost."""
+    """Note that it monitors, or recalibrates for another client; what says that it is for us was said before it was
+    lost.
+    """
     ours = (status["recalibration"] or {}).get("yours", False)
     return status["state"] in _WITHOUT_US and not ours

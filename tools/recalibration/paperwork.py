@@ -49,7 +49,7 @@ class Signature:
 
 
 def checked(begin: Begin) -> Begin:
-    """With its words made printable. Raises ControlRefused, in words for the technician."""
+    """The paperwork with its words made printable. Raises ControlRefused, in words for the technician."""
     if begin.wanted not in ("whole", "zeta"):
         raise ControlRefused("unknown choice", begin.wanted, "Choose the whole calibration, or ζ alone")
     probe, preset, technician, reason = (
@@ -105,7 +105,7 @@ def _provenance(begin: Begin, signature: Signature, scanned: Scanned) -> dict[st
 
 
 def sign_off(begin: Begin, signature: Signature) -> SignOff:
-    """Of both, for the file."""
+    """Sign-off of both persons, for the file."""
     return SignOff(
         made_by=begin.technician,
         signed_by=signature.name,

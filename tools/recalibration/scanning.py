@@ -117,7 +117,7 @@ class Scanned:
 
     @property
     def sha256(self) -> str:
-        """Of all views, struck out or not: time, place in the picture, pose."""
+        """SHA-256 of all views, struck out or not: time, place in the picture, pose."""
         digest = hashlib.sha256()
         for view in () if self.running is None else self.running.views:
             digest.update(f"{view.t_ns} {view.centre_px.tolist()} {view.matrix.tolist()}\n".encode())
@@ -155,7 +155,9 @@ class Scanned:
         return self.check.fields(self._in_water(), state.whole.crossing_mm)
 
     def check_record(self) -> str:
-        """For the provenance. Raises ScanRefused where the other point was not looked at, or does not pass."""
+        """Record of the check for the provenance. Raises ScanRefused where the other point was not looked at, or does
+        not pass.
+        """
         found = self.checked()
         if found is None or found["why"] or self.check is None or self.state is None or self.state.whole is None:
             what = "it was not made" if found is None else str(found["why"])
@@ -320,5 +322,5 @@ def _finite(value: float) -> float | None:
 
 
 def marked(calibration: Calibration, simulated: bool) -> Calibration:
-    """With the mark of what was made of simulated pictures."""
+    """The text with the mark of what was made of simulated pictures."""
     return replace(calibration, simulated=simulated)

@@ -154,7 +154,7 @@ class ScanSession:
 
     @property
     def looked_ns(self) -> int | None:
-        """Of the newest picture that was looked at; None while nothing is scanned."""
+        """Time of the newest picture that was looked at; None while nothing is scanned."""
         scanned = self._scanned
         if scanned is None or self._phase not in (Phase.SCANNING, Phase.CHECKING):
             return None
@@ -376,7 +376,7 @@ class ScanSession:
         self._solve()
 
     def _look(self) -> None:
-        """At the service: hold it, or see what has become of it."""
+        """Look at the service: hold it, or see what has become of it."""
         seen = self._watch.seen()
         with self._lock:
             if self._phase in _HELD:

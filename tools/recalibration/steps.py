@@ -61,7 +61,7 @@ class Sound:
 
     @property
     def text(self) -> str:
-        """In words; empty where nobody has measured it."""
+        """The scale check in words; empty where it was not measured."""
         if self.water_m_s is None:
             return ""
         deep = "too deep" if self.error > 0 else "too shallow"
@@ -72,7 +72,7 @@ class Sound:
         )
 
     def for_tissue(self, calibration: Calibration) -> Calibration:
-        """As it is where sound travels as the scanner thinks, where that was asked for."""
+        """The scale where sound travels as the scanner assumes, where that was asked for."""
         if not self.corrected or self.water_m_s is None:
             return calibration
         return for_tissue(calibration, self.water_m_s, self.scanner_m_s)
@@ -88,7 +88,7 @@ class LatencyStep:
 
     @property
     def full(self) -> bool:
-        """As much is collected as is kept; no more is taken."""
+        """Whether as much is collected as is kept; no more is taken."""
         return self._line.pictures >= MOST_PICTURES
 
     def take(self, sample: Frame | Pose) -> None:
@@ -147,7 +147,7 @@ class CheckStep:
         }
 
     def record(self, calibration: Calibration, crossing_mm: Vector) -> str:
-        """For the provenance of what has passed."""
+        """Record for the provenance of what has passed."""
         check, _ = self.judged(calibration, crossing_mm)
         assert check is not None
         how = "from where it is" if check.known else "about one place"
@@ -171,6 +171,6 @@ class Estimate:
 
 
 def estimate_of(status: Mapping[str, Any]) -> Estimate | None:
-    """Of the service's status before the scan, None where it had observed nothing."""
+    """The estimate in the service's status before the scan, None where it had observed nothing."""
     change, sigma = told_change(status.get("checks", ()))
     return Estimate(change, sigma) if np.any(np.isfinite(change)) else None

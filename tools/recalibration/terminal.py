@@ -136,7 +136,7 @@ def check_text(check: Fields | None) -> str:
 
 
 def _check(session: ScanSession) -> None:
-    """Of a crossing elsewhere, until the person ends it."""
+    """Check at a crossing elsewhere, until the person ends it."""
     if session.phase is not Phase.CHECKING:
         return
     console = Console(file=sys.stdout, highlight=False)
@@ -159,7 +159,7 @@ def _refused_aloud(console: Console, request: Callable[[], None]) -> None:
 
 
 def _review(session: ScanSession, signature: Signature | None) -> None:
-    """Until it is accepted, rejected or scanned on."""
+    """Review it until it is accepted, rejected or scanned on."""
     console = Console(file=sys.stdout, highlight=False)
     while session.phase is Phase.REVIEW:
         session.touch()

@@ -71,7 +71,7 @@ class Recorder:
         self.withheld = self.lost = 0
 
     def take(self, message: FeedMessage, now_ns: int) -> None:
-        """Of the feed."""
+        """Take a message of the feed."""
         if isinstance(message, LineStarted):
             self._made = Made(message.settings, message.step)
             self._step = message.step
@@ -91,7 +91,7 @@ class Recorder:
         self._put(Gap(why), now_ns)
 
     def state(self, status: dict[str, Any], now_ns: int) -> None:
-        """Of the control socket; as often as it is asked."""
+        """Take a status of the control socket; as often as it is asked."""
         before, self._status = self._status, status
         changed = before is None or _said(before) != _said(status)
         if changed or now_ns - self._told_ns >= _STATE_EVERY_NS:
@@ -120,7 +120,7 @@ class Recorder:
         self._keep(now_ns, now_ns + _LONGEST_MARK_NS)
 
     def fields(self) -> dict[str, Any]:
-        """For whoever asks how it does."""
+        """Fields for the reply on how it does."""
         sizes, counts = self._ring.sizes, self._ring.counts
         return {
             "session": self._session,

@@ -212,7 +212,7 @@ def _closed(stream: BinaryIO) -> None:
 
 
 def _found(folder: Path) -> list[_Part]:
-    """Of earlier runs, the oldest first, as their names say. Raises OSError."""
+    """Files of earlier runs, the oldest first, as their names say. Raises OSError."""
     files = sorted(path for path in folder.glob(f"*{SUFFIX}") if path.is_file())
     return [_Part(path, path.stat().st_size) for path in files]
 

@@ -51,7 +51,7 @@ def write_page(path: Path, title: str, parts: Iterable[str]) -> None:
 
 
 def section(heading: str, *parts: str) -> str:
-    """With a heading of its own."""
+    """A section with a heading of its own."""
     return f"<section><h2>{html.escape(heading)}</h2>{''.join(parts)}</section>"
 
 

@@ -23,7 +23,7 @@ _ALARMS = {state.value for state, signal in SIGNALS.items() if signal.priority i
 
 @dataclass(frozen=True, slots=True)
 class Period:
-    """From start until before end, UTC. kind: one of PERIODS. name: such as 2026-10."""
+    """A period from start until before end, UTC. kind: one of PERIODS. name: such as 2026-10."""
 
     kind: str
     name: str
@@ -129,7 +129,7 @@ class Summary:
 
 
 def share(shares_s: Shares) -> float:
-    """Of the time in which the service ran, that of MONITORING."""
+    """Share of MONITORING in the time in which the service ran."""
     on_s = sum(seconds for state, seconds in shares_s.items() if state != OFF)
     return shares_s[State.MONITORING.value] / on_s if on_s > 0 else float("nan")
 
@@ -176,7 +176,7 @@ def _overlaps(one: InForce, start: datetime, end: datetime) -> bool:
 
 
 def _within(alarm: Alarm, start: datetime, end: datetime) -> bool:
-    """Also one that had begun before."""
+    """Whether it lies within, also where it had begun before."""
     ends = alarm.begun + timedelta(seconds=alarm.lasted_s)
     return alarm.begun < end and (alarm.begun >= start or ends > start)
 
@@ -186,7 +186,7 @@ _Spell = tuple[datetime, datetime, Entry | None]
 
 
 def _spells(entries: Sequence[Entry], end: datetime) -> Iterator[_Spell]:
-    """By the wall clock, which may have been set: a spell that would end before it begins has no length."""
+    """Spells by the wall clock, which may have been set: a spell that would end before it begins has no length."""
     at: datetime | None = None
     current: Entry | None = None
     for entry in entries:
@@ -247,7 +247,7 @@ def _note(found: Summary, entry: Entry) -> None:
 
 
 def _limits(entry: Entry) -> str:
-    """As the entry tells them; those of earlier versions do not."""
+    """Limits as the entry has them; those of earlier versions have none."""
     return logged_limits_text(entry.data) or "limits: not logged by that version"
 
 

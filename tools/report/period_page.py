@@ -110,7 +110,7 @@ def _percent(value: float) -> str:
 
 
 def _duration(seconds: float) -> str:
-    """In the unit that a person would take."""
+    """Duration in the unit that a person would take."""
     if seconds < _MINUTES_FROM_S:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < _HOURS_FROM_S else _hours(seconds)
@@ -197,7 +197,7 @@ def _references(found: Summary, dates: Dates | None) -> str:
 
 
 def _due(found: Summary, dates: Dates | None) -> str:
-    """Of the calibration that is in force when the report is made."""
+    """Dates of the calibration that is in force when the report is made."""
     if found.store_fault:
         return "When the calibration is to be checked again is not known."
     if dates is None:

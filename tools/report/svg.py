@@ -62,7 +62,7 @@ class Plot:
             self._names.append((kind, name))
 
     def band(self, xs: Sequence[float], low: Sequence[float], high: Sequence[float], kind: str) -> None:
-        """Between two lines, broken where either is not finite."""
+        """Band between two lines, broken where either is not finite."""
         points = list(zip(xs, low, high, strict=True))
         for finite, run in groupby(points, lambda point: isfinite(point[1]) and isfinite(point[2])):
             if finite:

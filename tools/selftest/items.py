@@ -81,7 +81,7 @@ def service(status: Status) -> list[Item]:
 
 
 def disk(status: Status) -> list[Item]:
-    """Of the alarm log."""
+    """The disk of the alarm log."""
     log = status["log"]
     writing = log["failing"] is None
     free = log["free_bytes"]
@@ -163,7 +163,7 @@ def _time(name: str, found: TimeQuality) -> list[Item]:
 
 
 def noise(poses: Sequence[Pose]) -> Item:
-    """Of a probe that lies still in view of the tracker."""
+    """Noise of a probe that lies still in view of the tracker."""
     good = [pose.matrix for pose in poses if pose.status is PoseStatus.OK and pose.matrix is not None]
     if len(good) < 30:
         what = f"{len(good)} of {len(poses)} poses saw the probe"

@@ -55,8 +55,8 @@ def _parsed(record: dict[str, Any]) -> dict[str, Any]:
 
 
 def _broken(kept: list[tuple[str, dict[str, Any]]]) -> Iterator[str]:
-    """By the links, not by the times: the clock may have been set. Of records without a digest, as an earlier version
-    kept them, nothing shows whether they were changed.
+    """Whether the chain is broken, by the links and not by the times: the clock may have been set. Of records without a
+    digest, as an earlier version kept them, nothing shows whether they were changed.
     """
     digests = {record.get("digest") for _, record in kept} | {GENESIS}
     chained = False

@@ -1,4 +1,4 @@
-"""By what name a client calls a server of ours: another site's page can reach it only by a name of its own."""
+"""The name by which a client calls a server of ours: another site's page can reach it only by a name of its own."""
 
 import ipaddress
 import re

@@ -51,7 +51,7 @@ def _expected(text: str, answers: Answers) -> dict[str, Any]:
 
 
 def _filled(table: dict[str, Any]) -> dict[str, Any]:
-    """Without empty tables: a header without keys says nothing."""
+    """The text without empty tables: a header without keys says nothing."""
     below = {name: _filled(value) if isinstance(value, dict) else value for name, value in table.items()}
     return {name: value for name, value in below.items() if value != {}}
 

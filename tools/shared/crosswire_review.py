@@ -68,7 +68,7 @@ def parameter_table(whole: WholeSolution, others: Mapping[str, Calibration]) -> 
 
 
 def disagreements(whole: WholeSolution, others: Mapping[str, Calibration]) -> list[str]:
-    """Of each other calibration that is further off than the sigmas allow, which parameters are, in a sentence."""
+    """A sentence for each other calibration that is further off than the sigmas allow: which parameters are."""
     told = []
     for name, other in others.items():
         change, sigmas = difference_in_sigmas(whole.calibration, other)

@@ -7,7 +7,7 @@ from drivers.errors import RecordingError
 
 
 def file_sha256(path: Path) -> str:
-    """Of a file of any size, in hexadecimal. Raises RecordingError."""
+    """SHA-256 of a file of any size, in hexadecimal. Raises RecordingError."""
     try:
         with path.open("rb") as stream:
             return hashlib.file_digest(stream, "sha256").hexdigest()

@@ -174,7 +174,7 @@ def _fps(series: Series) -> float:
 
 
 def _poses(series: Series, second: bool = False) -> list[tuple[int, Matrix4]]:
-    """In order of time; None is no pose. second: of the second body on the probe."""
+    """Poses in order of time; None is no pose. second: of the second body on the probe."""
     told = (item for item, _ in series.items() if isinstance(item, Pose))
     found = [(pose.stamp.t_ns, pose.witness if second else pose.matrix) for pose in told]
     return sorted(((t_ns, matrix) for t_ns, matrix in found if matrix is not None), key=lambda pose: pose[0])

@@ -57,11 +57,11 @@ class Feed:
         self._link.close()
 
     def fileno(self) -> int:
-        """For poll."""
+        """Descriptor for poll."""
         return self._link.fileno()
 
     def __iter__(self) -> Iterator[FeedMessage]:
-        """Until the service ends it, which raises DeviceLost."""
+        """Messages until the service ends the feed, which raises DeviceLost."""
         while True:
             yield self.wait()
 

@@ -14,5 +14,5 @@ def drawing(gesture: Gesture) -> Path:
 
 
 def drawn(text: str, language: str) -> Path | None:
-    """Of a gesture as the status tells it; None for one that this version does not know."""
+    """The drawing of a gesture as the status names it; None for one that this version does not know."""
     return next((drawing(one) for one in Gesture if translated(one.value, language) == text), None)

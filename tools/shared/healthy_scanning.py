@@ -64,7 +64,8 @@ class Heard:
 def heard_in_sequence(
     path: Path, calibration: Path, limits: Limits, stale_ns: int, watched: Watched
 ) -> tuple[Heard, bool]:
-    """Of a sequence, and whether its calibration is simulated. Raises RecordingError, ConfigurationError."""
+    """Peaks heard in a sequence, and whether its calibration is simulated. Raises RecordingError, ConfigurationError.
+    """
     recording = open_recording(path)
     nominal = read_calibration(calibration, recording.size_px)
     line, heard = _line(nominal, limits, stale_ns), Heard(path)
@@ -74,7 +75,7 @@ def heard_in_sequence(
 
 
 def heard_in_series(series: Series, limits: Limits, stale_ns: int) -> tuple[Heard, bool]:
-    """Of a black box, by the references that were in force; and whether any of it is simulated."""
+    """Peaks heard in a black box, by the references that were in force; and whether any of it is simulated."""
     path = series.boxes[0].path
     if series.first_settings() is None:
         raise RecordingError("holds no reference that was in force, so nothing was judged", str(path), _NOT_HEALTHY)
@@ -88,5 +89,5 @@ def heard_in_series(series: Series, limits: Limits, stale_ns: int) -> tuple[Hear
 
 
 def _line(reference: Calibration, limits: Limits, stale_ns: int) -> Line:
-    """It names as late as any may, so that a peak is seen to its top."""
+    """A line that names as late as any may, so that a peak is seen to its top."""
     return Line(reference, limits.model_copy(update={"named_nats": MOST_NAMED_NATS}), stale_ns)

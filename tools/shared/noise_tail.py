@@ -49,19 +49,22 @@ class Tail:
 
 
 def tail_of(peaks: Sequence[float], hours: float) -> Tail:
-    """Of the level that asks for the highest threshold. peaks: largest value of each block. hours: of all, above 0."""
+    """The tail of the level that asks for the highest threshold. peaks: largest value of each block. hours: of all,
+    above 0.
+    """
     tails = [_above(level, peaks, hours) for level in LEVELS_NATS]
     heard = [tail for tail in tails[1:] if tail.exceedances >= _ENOUGH]
     return max([tails[0], *heard], key=lambda tail: tail.threshold_nats)
 
 
 def least_hours() -> float:
-    """Of scanning without any peak, that show the promise to be kept at the threshold that probewatch ships with."""
+    """Hours of scanning without any peak that show the promise to be kept at the threshold that probewatch ships with.
+    """
     return _most_events(0) * FALSE_ALARM_H / exp((NAMED_NATS - LEVELS_NATS[0]) / _tail_nats(0, 0.0))
 
 
 def told_minutes(hours: float) -> str:
-    """For people, rounded up."""
+    """Minutes for people, rounded up."""
     return f"{ceil(hours * 60 - 1e-9)} min"
 
 

@@ -17,7 +17,7 @@ def profile_text(limits: Mapping[str, Any] | None, language: str = "en") -> str:
 
 
 def logged_limits_text(data: Mapping[str, Any]) -> str:
-    """Of an entry of the alarm log; empty where it is of a version that tells none, or tells them otherwise."""
+    """Limits of an entry of the alarm log; empty where it is of a version that has none, or has them otherwise."""
     limits = data.get("limits")
     told = isinstance(limits, Mapping) and "profile" in limits and isinstance(limits.get("beside"), Mapping)
     return profile_text(limits) if told else ""

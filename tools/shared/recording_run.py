@@ -114,14 +114,14 @@ class BlackBoxSession:
 
     @property
     def overlap_ns(self) -> tuple[int, int]:
-        """As of Recording."""
+        """See Recording."""
         if not self._pictures.number or not self._poses.number:
             return self.start_ns, self.start_ns - 1
         first_ns = max(self._pictures.first_ns, self._poses.first_ns)
         return first_ns, min(self._pictures.last_ns, self._poses.last_ns)
 
     def samples(self) -> Iterator[Sample]:
-        """In the order in which the line took them."""
+        """Samples in the order in which the line took them."""
         for item, _ in self._series.items():
             if isinstance(item, Frame | Pose):
                 yield item

@@ -79,7 +79,7 @@ class Comparison:
 
     @property
     def sentence(self) -> str:
-        """For people."""
+        """The comparison in a sentence for people."""
         if self.recorded + self.without_past == 0:
             return "the recording holds no verdicts to compare with"
         said = self._of_whole_lines() if self.recorded else ""

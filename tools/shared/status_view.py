@@ -230,13 +230,13 @@ def _carried(status: Status) -> list[Text]:
 
 
 def _limits(status: Status) -> list[Text]:
-    """Of which profile, where they are others than probewatch ships with."""
+    """The profile of the limits, where they are others than probewatch ships with."""
     limits = status.get("limits")
     return [] if is_usual(limits) else [Text(shown(profile_text(limits, _language(status))))]
 
 
 def _point(status: Status) -> list[Text]:
-    """In the colour of what it allows; nothing where it is not known and nobody asks for it."""
+    """The error of a point in the colour of what it allows; nothing where it is neither known nor asked for."""
     point, limit_mm = status.get("point"), status.get("point_limit_mm")
     if point is None and limit_mm is None:
         return []

@@ -43,11 +43,11 @@ class Subject:
 
     @property
     def spoiled(self) -> str:
-        """Of which the title must warn; empty where nothing was injected."""
+        """What was injected, of which the title must warn; empty where nothing was."""
         return f"SPOILED on purpose: --inject {', '.join(self.injected)}" if self.injected else ""
 
     def rows(self) -> list[tuple[str, str]]:
-        """For people."""
+        """Rows for people."""
         judged = "as recorded in the black box" if self.calibration is None else _named(self.calibration)
         limits = "as probewatch ships them" if self.configuration is None else _named(self.configuration)
         return [

@@ -60,7 +60,7 @@ class FittingTable:
         return console.measure(table, options=options.update(max_width=_ENDLESS)).maximum
 
     def _least_width(self, console: Console, options: ConsoleOptions) -> int:
-        """Of the table, were every cell with words folded to the least."""
+        """Width of the table, were every cell with words folded to the least."""
         cut = [
             [cell if self._is_figure(number) else cell[:_LEAST_WORDS] for number, cell in enumerate(row)]
             for row in self._rows

@@ -28,13 +28,13 @@ class _Terminal:
 
 
 def guard_terminal() -> None:
-    """From now on standard output and error of this process pass on no controls but line breaks, and on a terminal
+    """Have standard output and error of this process pass on no controls but line breaks, and on a terminal
     what colours and redraws."""
     sys.stdout, sys.stderr = (cast(TextIO, _Terminal(stream)) for stream in (sys.stdout, sys.stderr))
 
 
 def progress_bar(text: str) -> "Progress":
-    """On stderr, and only where that is a terminal."""
+    """A progress bar on stderr, and only where that is a terminal."""
     # Every command loads this module, and few need the 40 ms that rich takes to load.
     from rich.console import Console  # noqa: PLC0415
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn  # noqa: PLC0415

@@ -10,7 +10,7 @@ from drivers.samples import Frame, Pose
 
 @dataclass(frozen=True, slots=True)
 class TimeQuality:
-    """Of one stretch of samples; NaN where too few came.
+    """Quality of the times of one stretch of samples; NaN where too few came.
 
     rate_hz: samples per second of their own time. step: counts of the device's counter between two samples, usually.
     bound_ms, worst_bound_ms: median and largest stated error bound. jitter_ms: standard deviation of the stamps about

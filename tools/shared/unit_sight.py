@@ -26,7 +26,7 @@ def is_of_the_unit(configuration: Path) -> bool:
 
 
 def unseen_mistakes(config: Config, file: Path) -> Iterator[str]:
-    """Of what a configuration names, one a line. file: where it lies, or is to lie."""
+    """Mistakes in what a configuration names, one a line. file: where it lies, or is to lie."""
     if not is_of_the_unit(file):
         return
     named = [("[calibration] file", config.calibration.file), ("[noise] file", config.noise.file)]

@@ -226,8 +226,8 @@ class SimulatedDevices:
         return ["--origin-ns", str(self.clock.origin_ns), "--rate", str(self.settings.rate)]
 
     def kill_twin(self, name: str) -> None:
-        """As when its power fails. The name of its pseudo-terminal goes first: the kernel gives the number of a closed
-        one to whoever asks next, and the service would open another cart's device by it.
+        """Kill it, as when its power fails. The name of its pseudo-terminal goes first: the kernel gives the number of
+        a closed one to whoever asks next, and the service would open another cart's device by it.
         """
         place = self.folder / name
         if place.is_symlink():

@@ -120,7 +120,7 @@ class ArchiveTask:
 
 
 def archive_table(rows: list[dict[str, str]]) -> FittingTable:
-    """For the terminal. The last column says why a recording could not be judged."""
+    """Table for the terminal. The last column says why a recording could not be judged."""
     heads = ("recording", "verdict", "fault", "closed", "not shown", "as live", "why")
     cells = [
         (Path(row["recording"]).name, row["verdict"] or "not usable", row["fault"] or NOTHING,

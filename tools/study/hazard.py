@@ -130,7 +130,7 @@ class Hazard:
 
     @property
     def onset_s(self) -> float:
-        """From when on everything is wrong; infinite for none."""
+        """The time from which on everything is wrong, s; infinite for none."""
         if self.kind == "none":
             return np.inf
         own_s = 0.0 if self.manner is Manner.START else ONSET_S

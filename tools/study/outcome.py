@@ -27,9 +27,9 @@ _GROSS, _BEYOND = 2.0, 1.3
 
 @dataclass
 class Scores:
-    """Of one check, in its unit. last, sigma: at the end. looks, squares, worst: number, sum of squares, and largest
-    size of (value − truth) ÷ sigma. shown_s: first time it was OK, NaN for never. shown: share of looks at which it was
-    OK. bound: least sigma that half a minute of this motion can give.
+    """Scores of one check, in its unit. last, sigma: at the end. looks, squares, worst: number, sum of squares, and
+    largest size of (value − truth) ÷ sigma. shown_s: first time it was OK, NaN for never. shown: share of looks at
+    which it was OK. bound: least sigma that half a minute of this motion can give.
     """
 
     last: float = nan
@@ -155,7 +155,7 @@ class _Notes:
             scores.shown /= max(self._looks, 1)
 
     def _after_s(self, t_s: float) -> float:
-        """Since the onset of the hazard, or since the start where there is none."""
+        """Time since the onset of the hazard, or since the start where there is none."""
         onset_s = self._conditions.hazard.onset_s
         return t_s - (onset_s if isfinite(onset_s) else 0.0)
 
@@ -198,14 +198,14 @@ def _truth(conditions: Conditions, t_s: float) -> np.ndarray[tuple[int], np.dtyp
 
 
 def _closed(changes: list[Change], end_s: float) -> Iterator[tuple[float, float]]:
-    """From when until when the contact was closed, s."""
+    """Spans in which the contact was closed, s."""
     for change, after_s in spells(changes, end_s):
         if change.state is State.MONITORING:
             yield change.t_s, after_s
 
 
 def closed_share(changes: list[Change], duration_s: float) -> float:
-    """Of the session, during which the contact was closed; 0 for one without any length."""
+    """Share of the session during which the contact was closed; 0 for one without any length."""
     closed_s = sum(end - start for start, end in _closed(changes, duration_s))
     return closed_s / duration_s if duration_s > 0 else 0.0
 

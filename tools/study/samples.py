@@ -42,7 +42,7 @@ KEYS = ("session", "tissue", "seed", "duration_s", "noise_mm", "draw", "asked", 
 
 
 def _without_offsets() -> Judging:
-    """As shipped, but for the offsets, which an ordinary sweep may lack the motion to show."""
+    """Limits as shipped, but for the offsets, which an ordinary sweep may lack the motion to show."""
     ages_s = {name: 0.0 for name in PARAMETERS if name.startswith("offset")}
     return Judging(Limits(required_age_s=RequiredAges.model_validate(ages_s)))
 

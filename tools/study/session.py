@@ -52,7 +52,7 @@ class Session:
 
     @property
     def title(self) -> str:
-        """For file names; of other motion it is another, whatever the session is called."""
+        """Title for file names; of other motion it is another, whatever the session is called."""
         t_s = np.arange(0.0, self.duration_s, 1 / FPS)
         poses, soft = self.pictures(t_s), self.patient.surroundings.yields
         moved = [np.round(self.displaced(t, _CORNERS_MM), 6).tobytes() for t in t_s] if soft else []
@@ -68,7 +68,7 @@ class Session:
 
     @property
     def size_px(self) -> tuple[int, int]:
-        """Of a picture, columns and rows."""
+        """Size of a picture, columns and rows."""
         return self.world.settings.width_px, self.world.settings.height_px
 
     @property

@@ -74,7 +74,7 @@ class Coverage:
 
 @dataclass(frozen=True)
 class Truth:
-    """Of one check over several runs. rms, worst: of the z-scores. sigma: median at the end. ratio: to the bound.
+    """Truth of one check over several runs. rms, worst: of the z-scores. sigma: median at the end. ratio: to the bound.
     shown: median share of the time at which it was OK.
     """
 
@@ -115,7 +115,7 @@ def detections(rows: Sequence[Row]) -> list[Detection]:
 
 
 def healthy_hours(rows: Sequence[Row], fps: float) -> float:
-    """Of sessions without a hazard."""
+    """Hours of sessions without a hazard."""
     return sum(number(row, "frames") for row in rows if row["hazard"] == "none") / fps / 3600
 
 
@@ -139,7 +139,7 @@ def _coverage(place: tuple[str, str, str, str, str], rows: list[Row]) -> Coverag
 
 
 def truth_of(name: str, rows: Sequence[Row]) -> Truth:
-    """Of a check in these runs; NaN where it was never measured."""
+    """Truth of a check in these runs; NaN where it was never measured."""
     looks = sum(number(row, f"{name} looks") for row in rows)
     squares = sum(number(row, f"{name} squares") for row in rows)
     return Truth(

@@ -25,7 +25,7 @@ _DIGITS = 12
 
 
 def code_digest() -> str:
-    """Of what a run's figures depend on: the sources of appliance, drivers and the study itself."""
+    """Digest of what a run's figures depend on: the sources of appliance, drivers and the study itself."""
     digest = hashlib.sha256()
     for root in (*(Path(str(package.__file__)).parent for package in (appliance, drivers)), Path(__file__).parent):
         for source in sorted((*root.rglob("*.py"), *root.rglob("*.[ch]"))):
