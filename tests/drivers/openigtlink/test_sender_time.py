@@ -19,7 +19,7 @@ def stamped(told_s: Floats, truth_s: Floats, delay_s: Floats) -> tuple[Floats, F
     clock, arrival_s, found = SenderTime(0, 0), np.maximum.accumulate(truth_s + delay_s), []
     for index, new in enumerate(np.diff(told_s, prepend=-1.0) > 0):
         time_ns = UTC_NS + round(told_s[index] * 1e9)
-        clock.told(time_ns)
+        clock.note(time_ns)
         if not new:
             continue
         stamp = clock.stamp(time_ns, 10**9 + round(arrival_s[index] * 1e9))
@@ -67,5 +67,5 @@ def test_times_that_leap_by_centuries_end_no_thread(seed: int) -> None:
         true_ns = 10**15 + arrival_ns
         leapt = [1, 2**31 * 10**9, (2**32 - 1) * 10**9, random.randrange(1, 2**32 * 10**9)]
         told_ns = random.choice([*leapt, true_ns, true_ns - random.randrange(10**9)])
-        clock.told(told_ns)
+        clock.note(told_ns)
         assert 0 <= clock.stamp(told_ns, arrival_ns).err_ns <= 60 * 10**9
