@@ -169,7 +169,7 @@ class BlackBoxWriter:
         self._mcap.finish()
 
 
-class Told(NamedTuple):
+class TimedItem(NamedTuple):
     """now_ns: when it was written, CLOCK_MONOTONIC."""
 
     item: Item
@@ -214,7 +214,7 @@ class BlackBox:
             if entry.topic in ("/picture", "/pose") and isinstance(t_ns, int):
                 yield entry.topic, t_ns
 
-    def items(self) -> Iterator[Told]:
+    def items(self) -> Iterator[TimedItem]:
         """Items in the order in which they were written; what cannot be understood is left out, reported as damage, and
         there is a Gap in its place.
         """
@@ -227,9 +227,9 @@ class BlackBox:
                 item = None
             if len(self.damage) > known:
                 known = len(self.damage)
-                yield Told(Gap(self.damage[-1]), entry.t_ns)
+                yield TimedItem(Gap(self.damage[-1]), entry.t_ns)
             if item is not None:
-                yield Told(item, entry.t_ns)
+                yield TimedItem(item, entry.t_ns)
 
 
 class Span(NamedTuple):
@@ -269,7 +269,7 @@ class Series:
         all_settings = (item.settings for item, _ in self.items() if isinstance(item, Made))
         return next((settings for settings in all_settings if settings is not None), None)
 
-    def items(self) -> Iterator[Told]:
+    def items(self) -> Iterator[TimedItem]:
         """Items as one file would have them: what each later part repeats so that it can be read alone is left out, and
         where a part is missing or damaged there is a Gap, after which its settings are passed on again.
         """
@@ -277,12 +277,12 @@ class Series:
         for box in self.boxes:
             follows = before is not None and before.begun.part + 1 == box.begun.part and not before.damage
             if before is not None and not follows:
-                yield Told(Gap("a part of the recording is missing or damaged"), box.begun.t_ns)
+                yield TimedItem(Gap("a part of the recording is missing or damaged"), box.begun.t_ns)
             yield from _resumed(box) if follows else box.items()
             before = box
 
 
-def _resumed(box: BlackBox) -> Iterator[Told]:
+def _resumed(box: BlackBox) -> Iterator[TimedItem]:
     """The box without its /begun and the settings that follow it."""
     head = True
     for entry in box.items():

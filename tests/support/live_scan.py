@@ -93,7 +93,7 @@ class Scan:
         for sample in self._samples:
             if self._ended.wait(0.004):  # as fast as a scan is looked at, so that none is lost
                 return
-            self._tap.tell(sample, ())
+            self._tap.publish(sample, ())
 
     def __exit__(self, *_: object) -> None:
         self._ended.set()

@@ -11,7 +11,7 @@ from threading import Event
 import numpy as np
 import pytest
 
-from appliance.service.estimator.tap import NOTHING, PICTURES, WORDS
+from appliance.service.estimator.tap import ALL_BUT_PICTURES, NOTHING, PICTURES
 from drivers.openigtlink.content import NOT_FOUND, NOT_PRESENT, OK, parse_status, parse_transform
 from drivers.openigtlink.image import grey_picture, parse_image
 from drivers.openigtlink.message import Message, encode
@@ -127,7 +127,7 @@ def test_a_picture_is_whole_at_its_own_time_and_stops_when_told(bench: Bench) ->
 def test_a_pose_has_plus_name_and_one_that_is_none_is_left_out(bench: Bench) -> None:
     with bench.connect() as client:
         assert granted(client, "STT_TRANS", "ProbeToTracker", version=2)
-        until(lambda: bench.feed.wanted == WORDS)
+        until(lambda: bench.feed.wanted == ALL_BUT_PICTURES)
         for _ in range(3):
             bench.feed.track(PoseStatus.MISSING)
         number, message = bench.show(client, "TRANSFORM")

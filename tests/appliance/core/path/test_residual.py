@@ -61,7 +61,7 @@ def test_over_tissue_that_may_give_way_a_probe_that_hardly_turns_shows_nothing(t
 
     for rigid_tissue in (False, True):
         given = samples(path, 240, 2, motions.Noise(), rigid_tissue=rigid_tissue)
-        assert PathResidual.of(given, TRUTH).tells is (tells or rigid_tissue)
+        assert PathResidual.of(given, TRUTH).is_informative is (tells or rigid_tissue)
         found = solve(given, TRUTH, Prior(latency_s=0.001)).calibration
         assert any(found.observed) is (tells or rigid_tissue), found
 
