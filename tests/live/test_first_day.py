@@ -24,7 +24,7 @@ from tests.support.person import Person
 from tests.support.polling import until
 from tests.support.web_page import WebPage
 from tools.shared.configuration_text import template
-from tools.simulators.whole_cart import Event, told_by
+from tools.simulators.whole_cart import Event, status_of
 
 LONGEST_S = 600.0
 """What the whole day may take."""
@@ -63,7 +63,7 @@ class Day:
         return service
 
     def status(self) -> Event:
-        return told_by(self.socket)
+        return status_of(self.socket)
 
     def waits_for_a_calibration(self) -> None:
         """The devices are there, and nothing is verified."""

@@ -36,7 +36,7 @@ from tools.shared.named_cart import CONFIG, NAMED, control_option, folder_option
 from tools.shared.recovered import recovered
 from tools.shared.sign_off import remarks_on
 from tools.shared.tables import FittingTable
-from tools.shared.verification import accepted, ask, await_verification, change_told, recalibrating
+from tools.shared.verification import accepted, ask, await_verification, recalibrating, reporting_change
 
 _HEADINGS = ("no.", "", "since, UTC", "origin", "verified", "file", "SHA-256")
 _YES = click.option("--yes", is_flag=True, help="accept the difference that is stated, without being asked")
@@ -305,7 +305,7 @@ def reset(folder: Path, control_socket: Path, yes: bool) -> None:
 def _change(wanted: Path | int, socket: Path, yes: bool, wait_s: float) -> None:
     if isinstance(wanted, Path):
         _refuse_unusable(wanted)
-    with change_told(socket):
+    with reporting_change(socket):
         with ControlClient(socket) as client:
             confirm = accepted(client.propose_calibration(wanted), yes)
         with ControlClient(socket) as client:

@@ -20,7 +20,7 @@ from drivers.files.atomic_file import check_replaceable
 from tools.shared.digest import file_sha256
 from tools.shared.found_recordings import found
 from tools.shared.healthy_scanning import Heard, heard_in_sequence, heard_in_series
-from tools.shared.noise_tail import Tail, least_hours, tail_of, told_minutes
+from tools.shared.noise_tail import Tail, least_hours, minutes_text, tail_of
 
 _Item = TypeVar("_Item")
 _DIGITS = 3
@@ -105,8 +105,8 @@ def _once_each(files: list[Path]) -> tuple[LearnedFrom, ...]:
 def _refuse_too_little(hours: float, files: list[Path]) -> None:
     least = least_hours()
     if hours < least:
-        what = f"{told_minutes(hours)} of scanning with motion to test are too little"
-        remedy = f"At least {told_minutes(least)} are needed, {told_minutes(least - hours)} more"
+        what = f"{minutes_text(hours)} of scanning with motion to test are too little"
+        remedy = f"At least {minutes_text(least)} are needed, {minutes_text(least - hours)} more"
         raise RecordingError(what, _whole(files), remedy)
 
 

@@ -50,7 +50,7 @@ from tools.shared.status_watch import StatusWatch
 from tools.shared.tables import FittingTable
 from tools.shared.terminal import progress_bar
 from tools.shared.unit_sight import unseen
-from tools.shared.verification import accepted, await_verification, change_told, recalibrating, refuse_simulated
+from tools.shared.verification import accepted, await_verification, recalibrating, refuse_simulated, reporting_change
 
 _LOOK_S = 0.2
 """Between two questions to the service during a live scan: four of its ticks."""
@@ -253,7 +253,7 @@ def command(
     if simulate and socket is not None:
         refuse_simulated(socket)
     sound(water_c, scanner_m_s, correct_sound)
-    with change_told(socket), contextlib.nullcontext() if socket is None else ControlClient(socket) as client:
+    with reporting_change(socket), contextlib.nullcontext() if socket is None else ControlClient(socket) as client:
         with recalibrating(client):
             scan = _scanned(scan_input, latency_ms or 0.0)
             if solve == "all":
@@ -307,7 +307,7 @@ def _live_service(config_file: Path | None, socket: Path | None, feed: Path | No
 
 def _live(service: _Service, begin: Begin, signature: Signature | None) -> None:
     with (
-        change_told(service.control),
+        reporting_change(service.control),
         StatusWatch(service.control, _LOOK_S) as watch,
         ScanSession(service.control, service.pictures, service.place, watch) as session,
     ):

@@ -210,7 +210,7 @@ def _usually(found: list[Found]) -> list[str]:
     most = each[Counter(map(_manner, found)).most_common(1)[0][0]]
     others = [f"{manner}: {', '.join(unlike)}" for manner, own in each.items() if (unlike := _unlike(own, most))]
     shares = {share for one in found for share in (one.share, Share(one.named, one.runs))}
-    told = (_told(share) for share in sorted(shares, key=lambda share: (share.n, share.k)))
+    told = (_text(share) for share in sorted(shares, key=lambda share: (share.n, share.k)))
     usual = "; ".join([", ".join(most), *others])
     return [f"Unless a row says otherwise: {usual}. Intervals: {', '.join(told)}.", ""]
 
@@ -223,7 +223,7 @@ def _unlike(own: tuple[str, ...], usual: tuple[str, ...]) -> list[str]:
     return [mine for mine, other in zip(own, usual, strict=True) if mine != other]
 
 
-def _told(share: Share) -> str:
+def _text(share: Share) -> str:
     low, high = share.interval
     return f"{share.k}/{share.n} {100 * low:.0f}–{100 * high:.0f} %"
 

@@ -84,7 +84,7 @@ class _Played:
         self._session = quiet.session
         self._evidence = Evidence(quiet.session.reference, Limits(), PathWindow(quiet.session.reference))
         self._supervisor, self._state, self._tick_ns = Supervisor(Durations()), State.SELF_TEST, stamp_ns(0.0)
-        self._told: tuple[bool, Fault | None, VerdictKind] = (False, None, VerdictKind.NOT_VERIFIED)
+        self._before: tuple[bool, Fault | None, VerdictKind] = (False, None, VerdictKind.NOT_VERIFIED)
         self._counts = dict.fromkeys(_COUNTS, 0)
         self._names: list[str] = []
         self._peaks, self._bent = np.zeros((2, int(np.ceil(quiet.session.duration_s / BLOCK_S))))
@@ -129,7 +129,7 @@ class _Played:
         self._bent[block] = max(self._bent[block], evidence.distortion.nats or 0.0)
         verdict = judge(now_ns, evidence.checks(), evidence.status)
         self._ok_ns += since_ns * (verdict.kind is VerdictKind.OK)
-        signed, fault, kind = self._told
+        signed, fault, kind = self._before
         now = bool(evidence.status.contradictions), verdict.fault, verdict.kind
         if now[0] and not signed:
             counts["signs"] += 1
@@ -137,7 +137,7 @@ class _Played:
         if verdict.fault is not None and verdict.fault is not fault:
             counts["choices" if verdict.fault is Fault.UNDECIDED else "faults"] += 1
             self._names.append(verdict.fault)
-        self._told = now
+        self._before = now
         while self._tick_ns <= now_ns:
             state = self._supervisor.step(self._tick_ns, Inputs((verdict,), ())).state
             counts["warnings"] += state is State.WARNING and self._state is not State.WARNING

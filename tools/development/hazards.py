@@ -120,10 +120,10 @@ def _tried_by() -> dict[Fault, list[str]]:
 
 def steps(row: Policy) -> str:
     """What a row of the policy leads to."""
-    return ", then ".join(step_told(step) for step in row.steps) or "notice beside the state"
+    return ", then ".join(step_text(step) for step in row.steps) or "notice beside the state"
 
 
-def step_told(step: Step) -> str:
+def step_text(step: Step) -> str:
     """One step of it."""
     after = " + ".join(f"`{name}`" for name in step.after)
     by = " or ".join(f"`{name}`" for name in step.by)

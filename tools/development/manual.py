@@ -27,7 +27,7 @@ from tools.development.driver_pages import written as driver_pages
 from tools.development.evidence_figures import Figures
 from tools.development.evidence_pages import pages, read_figures
 from tools.development.hazard_pages import limit, measured, remedies
-from tools.development.hazards import PAGE, hazards, step_told, steps
+from tools.development.hazards import PAGE, hazards, step_text, steps
 from tools.development.markdown import table
 from tools.shared.gesture_drawings import drawing
 
@@ -146,7 +146,7 @@ def _policy() -> list[str]:
     for fault, row in POLICY.items():
         if fault is not Fault.AGREEMENT:
             told = f"{steps(row)}{', silent' if row.silent else ''}"
-            scan = step_told(row.scan) if row.scan else "it goes on"
+            scan = step_text(row.scan) if row.scan else "it goes on"
             rows.setdefault((told, scan, row.ending.value), []).append(fault)
     head = ("hazard", "leads to", "during a recalibration scan", "ends when")
     named = ((", ".join(f"`{fault}`" for fault in faults), *cells) for cells, faults in rows.items())

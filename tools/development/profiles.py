@@ -79,7 +79,7 @@ def _limits() -> list[str]:
     head = ("profile", "rotation, °", "scale, %", "offset, mm", "latency, ms", "error of a point, mm")
     keys = ("rotation_deg", "scale_percent", "offset_mm", "latency_ms", "point_mm")
     each = {name: Limits(profile=name) for name in PROFILES}
-    return table(head, ((f"`{name}`", *(_told(getattr(one, key)) for key in keys)) for name, one in each.items()))
+    return table(head, ((f"`{name}`", *(_text(getattr(one, key)) for key in keys)) for name, one in each.items()))
 
 
 def _measured(data: Sequence[Figure]) -> str:
@@ -172,7 +172,7 @@ def _spread(values: Iterable[float], digits: int) -> str:
     return f"{median(known):.{digits}f} ({least:.{digits}f} … {most:.{digits}f})"
 
 
-def _told(value: float | None) -> str:
+def _text(value: float | None) -> str:
     return "–" if value is None else f"{value:g}"
 
 

@@ -111,7 +111,7 @@ class Quiet:
     doubts: int
 
 
-class Told(NamedTuple):
+class Look(NamedTuple):
     """doubted: what was shown counts no more."""
 
     t_s: float
@@ -170,7 +170,7 @@ class Replay:
         self.session = session
         self._seen = registered(session)
 
-    def run(self, from_s: float, to_s: float, slip: Slip | None, seed: int) -> Iterator[Told]:
+    def run(self, from_s: float, to_s: float, slip: Slip | None, seed: int) -> Iterator[Look]:
         """What is told of each picture."""
         poses = deque(self._poses(from_s, to_s, slip, seed))
         limits, reference = Limits(), self.session.reference
@@ -186,7 +186,7 @@ class Replay:
             whole = replace(seen, pose=_between(before, after))
             doubted = [one.see(whole) for one in (watch, *slow)]
             failed = next((one.fault for one in watch.checks() if one.verdict is VerdictKind.FAULT), None)
-            yield Told(seconds(seen.t_ns), any(doubted), failed)
+            yield Look(seconds(seen.t_ns), any(doubted), failed)
 
     def _poses(self, from_s: float, to_s: float, slip: Slip | None, seed: int) -> Iterator[Pose]:
         t_s = np.arange(round(from_s * POSE_HZ), round(to_s * POSE_HZ)) / POSE_HZ + 0.5 / POSE_HZ

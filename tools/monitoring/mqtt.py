@@ -122,12 +122,12 @@ def _tls(ca: Path | None, certificate: Path | None, key: Path | None) -> ssl.SSL
 def message(status: Status | None) -> dict[str, Any]:
     """What is told of a service; of one that does not answer, or is of another version, nothing but that."""
     try:
-        return {"up": False, "verified": False, "alarm": None} if status is None else _told(status)
+        return {"up": False, "verified": False, "alarm": None} if status is None else _message_of(status)
     except (KeyError, TypeError, ValueError):
         return message(None)
 
 
-def _told(status: Status) -> dict[str, Any]:
+def _message_of(status: Status) -> dict[str, Any]:
     reference = status["reference"]
     return {
         "up": True,
@@ -179,7 +179,7 @@ class Publisher:
         self._connected, self._gone = threading.Event(), threading.Event()
         self._why, self._refused = "", False
         self._trouble: str | None = None
-        self._told_well = False
+        self._said_well = False
         self._client = self._make_client(f"probewatch-{cart}")
 
     def run(self, stop: threading.Event) -> None:
@@ -188,7 +188,7 @@ class Publisher:
         while not stop.is_set():
             if self._connect():
                 began_s = time.monotonic()
-                self._tell_until_lost(stop)
+                self._publish_until_lost(stop)
                 if time.monotonic() - began_s >= _LONGEST_WAIT_S:
                     wait_s = _FIRST_WAIT_S
             why = self._why
@@ -247,21 +247,21 @@ class Publisher:
         plain |= isinstance(error, ssl.SSLError) and error.reason in _IN_THE_CLEAR
         return f"{said}; is it a port for mqtts://?" if plain else said
 
-    def _tell_until_lost(self, stop: threading.Event) -> None:
+    def _publish_until_lost(self, stop: threading.Event) -> None:
         self._say_well()
         self._publish(self._available, "online")
         for topic, config in self._discovery.items():
             self._publish(topic, json.dumps(config))
-        told: dict[str, Any] | None = None
-        told_s = 0.0
+        published: dict[str, Any] | None = None
+        published_s = 0.0
         while not (stop.is_set() or self._gone.is_set()):
             now = message(self._read())
-            if now != told or time.monotonic() - told_s >= _REPEAT_S:
-                told, told_s = now, time.monotonic()
-                self._tell(now)
+            if now != published or time.monotonic() - published_s >= _REPEAT_S:
+                published, published_s = now, time.monotonic()
+                self._publish_state(now)
             self._wait(stop)
 
-    def _tell(self, now: dict[str, Any]) -> None:
+    def _publish_state(self, now: dict[str, Any]) -> None:
         utc = datetime.now(UTC).isoformat(timespec="seconds")
         self._publish(self._state, json.dumps({**now, "utc": utc}, ensure_ascii=False))
 
@@ -276,7 +276,7 @@ class Publisher:
 
     def _leave(self, meant: bool) -> None:
         if meant and self._connected.is_set() and not self._gone.is_set():
-            self._tell(message(None))
+            self._publish_state(message(None))
             last = self._client.publish(self._available, "offline", qos=1, retain=True)
             if last.rc == MQTTErrorCode.MQTT_ERR_SUCCESS:
                 last.wait_for_publish(_GOODBYE_S)
@@ -288,9 +288,9 @@ class Publisher:
         kind = "refused" if self._refused else "away"
         if self._trouble != kind:
             self._say(f"no broker at {self._broker.host}:{self._broker.port}: {why}; trying again")
-        self._trouble, self._told_well = kind, False
+        self._trouble, self._said_well = kind, False
 
     def _say_well(self) -> None:
-        if not self._told_well:
+        if not self._said_well:
             self._say(f"telling {self._state} at {self._broker.host}:{self._broker.port}")
-        self._trouble, self._told_well = None, True
+        self._trouble, self._said_well = None, True

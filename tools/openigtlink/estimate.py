@@ -7,7 +7,7 @@ import numpy as np
 from appliance.storage.calibration_file import calibration_from_image_to_probe, image_to_probe
 from appliance.types import PARAMETERS, VerdictKind
 from drivers.samples import Matrix4
-from tools.shared.told_change import told_change
+from tools.shared.stated_change import stated_change
 
 
 class Estimate(NamedTuple):
@@ -25,7 +25,7 @@ def estimate_of(status: dict[str, Any]) -> Estimate | None:
     checks = {check["name"]: check for check in status["checks"]}
     if reference is None or "polarity" not in reference or _mirrored(checks):
         return None
-    change, _ = told_change(status["checks"])
+    change, _ = stated_change(status["checks"])
     known = np.isfinite(change)
     if not known.any():
         return None

@@ -92,10 +92,10 @@ class Passage:
                 continue
             try:
                 with Feed(self._feed, FeedRequest(pictures=wanted.pictures)) as feed:
-                    self._tell("")
+                    self._report("")
                     self._listen(feed)
             except ProbewatchError as error:
-                self._tell(str(error))
+                self._report(str(error))
                 self._changed.wait(_AGAIN_S)
 
     def _listen(self, feed: Feed) -> None:
@@ -118,7 +118,7 @@ class Passage:
             return False
         return True
 
-    def _tell(self, trouble: str) -> None:
+    def _report(self, trouble: str) -> None:
         if trouble and not self.trouble:
             self._say(f"no pictures or poses: {trouble}")
         elif self.trouble and not trouble:

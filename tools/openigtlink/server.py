@@ -75,8 +75,8 @@ class _Client:
         self.unsent = bytearray()
         self.stream = MessageStream(_is_question)
         self.moved_s = time.monotonic()
-        self.told: tuple[object, ...] = ()
-        self.told_s = 0.0
+        self.sent: tuple[object, ...] = ()
+        self.sent_s = 0.0
 
     def hear(self) -> list[Message]:
         """Raises OSError when it is gone, ProtocolError when it cannot be followed."""
@@ -188,15 +188,15 @@ class StateServer:
         """STATUS to everybody, the rest to whom it is new. Who has not taken the last round is passed over."""
         seen, utc_ns = self._watch.seen(), _utc_ns()
         for client in tuple(self._clients):
-            self._for_client(client, lambda client: self._tell(client, seen, utc_ns))
+            self._for_client(client, lambda client: self._send_state(client, seen, utc_ns))
 
-    def _tell(self, client: _Client, seen: Seen, utc_ns: int) -> None:
+    def _send_state(self, client: _Client, seen: Seen, utc_ns: int) -> None:
         client.due = bool(client.unsent)
         if not client.unsent:
             client.number = (client.number + 1) % (1 << 32)
             client.put(status_message(seen, utc_ns, client.version, client.number))
-            if client.told != (news := _news(seen)) or time.monotonic() - client.told_s >= _STATE_EVERY_S:
-                client.told, client.told_s = news, time.monotonic()
+            if client.sent != (news := _news(seen)) or time.monotonic() - client.sent_s >= _STATE_EVERY_S:
+                client.sent, client.sent_s = news, time.monotonic()
                 client.put(state_message(seen, utc_ns, client.version, client.number))
                 for made in (transform_message, estimate_message):
                     if (transform := made(seen, utc_ns, client.version, client.number)) is not None:
@@ -230,7 +230,7 @@ class StateServer:
         client.flush()
         seen, utc_ns = self._watch.seen(), _utc_ns()
         if client.due and not client.unsent:
-            self._tell(client, seen, utc_ns)
+            self._send_state(client, seen, utc_ns)
         if client.version not in made:
             simulated = seen.status is not None and bool(seen.status["simulated"])
             made[client.version] = encode(sample_message(sample, self._names, utc_ns, client.version, simulated))

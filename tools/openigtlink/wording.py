@@ -52,7 +52,7 @@ _UNKNOWN = 2
 _SAID = ("state", "text", "remedy", "fault", "reason", "latched", "acknowledged", "notices", "since_s",
          "verification_age_s", "simulated", "fps")  # fmt: skip
 _MEASURED = ("name", "value", "sigma", "unit", "limit", "ratio", "verdict", "shown_age_s")
-_TOLD = ("max_age_s", "shown", "carried")
+_HOW_SHOWN = ("max_age_s", "shown", "carried")
 """Of the checks of the line besides, as far as this version of the service tells them."""
 _MOST_BYTES = 60_000
 """Of a STRING, which counts to 65,535. The usual one has 4000."""
@@ -96,7 +96,7 @@ def fields_of(seen: Seen) -> dict[str, Any]:
 
 
 def _check(check: dict[str, Any]) -> dict[str, Any]:
-    return {key: check[key] for key in _MEASURED} | {key: check[key] for key in _TOLD if key in check}
+    return {key: check[key] for key in _MEASURED} | {key: check[key] for key in _HOW_SHOWN if key in check}
 
 
 def _facts(seen: Seen) -> dict[str, Any]:

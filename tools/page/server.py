@@ -118,7 +118,9 @@ class Page:
         self._listeners.append(listener)
         self._parts.watch.want(len(self._listeners))
         headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
-        return _Counted(self._told(request, listener), lambda: self._forget(listener), "text/event-stream", headers)
+        return _Counted(
+            self._event_stream(request, listener), lambda: self._forget(listener), "text/event-stream", headers
+        )
 
     def _has_place(self, listener: _Listener) -> bool:
         """One of an address that has two more than the newcomer's is sent away for it, where there is one."""
@@ -138,7 +140,7 @@ class Page:
             self._listeners.remove(listener)
             self._parts.watch.want(len(self._listeners))
 
-    async def _told(self, request: Request, listener: _Listener) -> AsyncIterator[bytes]:
+    async def _event_stream(self, request: Request, listener: _Listener) -> AsyncIterator[bytes]:
         while not (listener.sent_away or await request.is_disconnected()):
             event = await run_in_threadpool(self._event, self._visitor(request))
             yield b"data: " + json.dumps(event, ensure_ascii=False).encode() + b"\n\n"

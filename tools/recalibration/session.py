@@ -92,7 +92,7 @@ class ScanSession:
         self._begin: Begin | None = None
         self._scanned: Scanned | None = None
         self._latency: LatencyStep | None = None
-        self._told: Mapping[str, Any] = {}
+        self._status: Mapping[str, Any] = {}
         self._reference: Calibration | None = None
         self._heard_settings = False
         self._file: Path | None = None
@@ -177,7 +177,7 @@ class ScanSession:
                 )
             begin = checked(begin)
             check_writable(self._folder / "calibration")  # now, and not once the scan is signed
-            self._told = self._watch.seen().status or {}
+            self._status = self._watch.seen().status or {}
             self._service.grasp()
             self._latency = LatencyStep() if begin.latency else None
             self._begin, self._scanned, self._file, self._sha256 = begin, None, None, ""
@@ -355,7 +355,7 @@ class ScanSession:
     def _new_scan(self) -> Scanned:
         begin = self._begin
         assert begin is not None
-        estimate = estimate_of(self._told)
+        estimate = estimate_of(self._status)
         latency = None if self._latency is None else self._latency.found
         sound = Sound(begin.water_c, begin.scanner_m_s, begin.correct_sound)
         return Scanned.begun(self._reference, begin.wanted, sound, latency, estimate)

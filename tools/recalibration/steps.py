@@ -18,7 +18,7 @@ from appliance.service.control.server import ControlRefused
 from appliance.types import Calibration, Vector
 from drivers.samples import Frame, Pose
 from tools.shared.crosswire_review import difference_in_sigmas
-from tools.shared.told_change import told_change
+from tools.shared.stated_change import stated_change
 
 SETTINGS_M_S = (1400.0, 1700.0)
 """Of scanners: what `probewatch recalibrate --scanner-m-s` takes."""
@@ -172,5 +172,5 @@ class Estimate:
 
 def estimate_of(status: Mapping[str, Any]) -> Estimate | None:
     """The estimate in the service's status before the scan, None where it had observed nothing."""
-    change, sigma = told_change(status.get("checks", ()))
+    change, sigma = stated_change(status.get("checks", ()))
     return Estimate(change, sigma) if np.any(np.isfinite(change)) else None

@@ -61,7 +61,7 @@ class Recorder:
         self._made: Made | None = None
         self._step = 0
         self._status: dict[str, Any] | None = None
-        self._told_ns = 0
+        self._noted_ns = 0
         self._alarmed = False
         self._withheld_here, self._withheld_ns = 0, 0
         self._missing: Gap | None = None
@@ -94,8 +94,8 @@ class Recorder:
         """Take a status of the control socket; as often as it is asked."""
         before, self._status = self._status, status
         changed = before is None or _said(before) != _said(status)
-        if changed or now_ns - self._told_ns >= _STATE_EVERY_NS:
-            self._told_ns = now_ns
+        if changed or now_ns - self._noted_ns >= _STATE_EVERY_NS:
+            self._noted_ns = now_ns
             self._put(State(status), now_ns)
         if self._marked_ns is not None and now_ns - self._marked_ns >= _LONGEST_MARK_NS:
             self.mark("stop", "an hour after its start", now_ns)
@@ -151,12 +151,12 @@ class Recorder:
             self.withheld += 1
             self._withheld_here += 1
             if now_ns - self._withheld_ns >= _WITHHELD_EVERY_NS:
-                self._tell_withheld(now_ns)
+                self._report_withheld(now_ns)
             return
-        self._tell_withheld(now_ns)
+        self._report_withheld(now_ns)
         self._put(replace(sample, image=np.where(inside, sample.image, np.uint8(0))), now_ns)
 
-    def _tell_withheld(self, now_ns: int) -> None:
+    def _report_withheld(self, now_ns: int) -> None:
         if self._withheld_here:
             number, self._withheld_here = self._withheld_here, 0
             self._withheld_ns = now_ns

@@ -17,7 +17,7 @@ Shares = defaultdict[str, float]
 """State → seconds."""
 OFF = "off"
 """In place of a state while the service did not run."""
-_TELLS_LIMITS = (Event.STARTED, Event.RELOADED)
+_HAS_LIMITS = (Event.STARTED, Event.RELOADED)
 _ALARMS = {state.value for state, signal in SIGNALS.items() if signal.priority in (Priority.HIGH, Priority.MEDIUM)}
 
 
@@ -152,7 +152,7 @@ def summary(
         at = _time(entry)
         if at < wanted.start and entry.event == Event.STARTED:
             found.software = [(entry.utc, str(entry.data.get("software", "?")))]
-        if at < wanted.start and entry.event in _TELLS_LIMITS:
+        if at < wanted.start and entry.event in _HAS_LIMITS:
             found.limits = [(entry.utc, _limits(entry))]
         elif wanted.start <= at < end:
             _note(found, entry)
@@ -231,7 +231,7 @@ def _alarm(begun: datetime, until: datetime, last: Entry, ended: bool) -> Alarm:
 
 def _note(found: Summary, entry: Entry) -> None:
     found.simulated = found.simulated or bool(entry.data.get("simulated"))
-    if entry.event in _TELLS_LIMITS and (not found.limits or found.limits[-1][1] != _limits(entry)):
+    if entry.event in _HAS_LIMITS and (not found.limits or found.limits[-1][1] != _limits(entry)):
         found.limits.append((entry.utc, _limits(entry)))
     if entry.event == Event.REQUEST:
         found.requests[str(entry.data.get("do"))] += 1

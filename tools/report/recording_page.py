@@ -71,7 +71,7 @@ def write_recording_page(
         parts.append(section("Proposed, not applied", *(text(clause) for clause in report.proposal.text.split("; "))))
     parts += [
         section("State", _states(changes, trace.duration_s)),
-        *([] if comparison is None else [section("State as it was told live", _told(comparison))]),
+        *([] if comparison is None else [section("State as it was told live", _live_states(comparison))]),
         section("What was missing", _missing(trace, report)),
         section("Coverage", _coverage(trace)),
         section("Path of the picture and of the tracker", *_paths(trace)),
@@ -92,7 +92,7 @@ def _states(changes: Sequence[Change], duration_s: float) -> str:
     return plot.svg("states over time") + table(("s", "state", "fault", "reason"), rows)
 
 
-def _told(comparison: Comparison) -> str:
+def _live_states(comparison: Comparison) -> str:
     rows = [(f"{one.t_ns / 1e9:.2f}", one.state, one.fault or "–", one.reason) for one in comparison.told]
     return table(("s", "state", "fault", "reason"), rows) if rows else text("The box holds no state.")
 

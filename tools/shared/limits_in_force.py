@@ -22,7 +22,7 @@ def rows(limits: Limits, text: str) -> Iterator[str]:
         if name not in of_profile and name not in given:
             continue
         if name not in ("profile", "region", "required_age_s"):
-            yield f"  {name:<18}{_told(value):<7}{_why(limits, name, name in given)}"
+            yield f"  {name:<18}{_text(value):<7}{_why(limits, name, name in given)}"
     sections = (name for name in ("region", "required_age_s") if name in limits.beside_profile)
     yield from (f"  [limits.{name}]  given in the file" for name in sections)
 
@@ -48,10 +48,10 @@ def _why(limits: Limits, name: str, is_given: bool) -> str:
         return f"profile {limits.profile}"
     if getattr(limits, name) == usual:
         return f"given in the file, as profile {limits.profile} has it"
-    return f"given in the file; profile {limits.profile} has {_told(usual)}"
+    return f"given in the file; profile {limits.profile} has {_text(usual)}"
 
 
-def _told(value: Any) -> str:
+def _text(value: Any) -> str:
     return "off" if value is None else f"{value:g}"
 
 

@@ -63,7 +63,7 @@ def least_hours() -> float:
     return _most_events(0) * FALSE_ALARM_H / exp((NAMED_NATS - LEVELS_NATS[0]) / _tail_nats(0, 0.0))
 
 
-def told_minutes(hours: float) -> str:
+def minutes_text(hours: float) -> str:
     """Minutes for people, rounded up."""
     return f"{ceil(hours * 60 - 1e-9)} min"
 

@@ -41,7 +41,7 @@ class Step(NamedTuple):
     verdicts: tuple[Verdict, ...]
 
 
-class Told(NamedTuple):
+class LiveState(NamedTuple):
     """A state of the service when the box was recorded. t_ns: of the cart's clock, or since the first sample."""
 
     t_ns: int
@@ -70,7 +70,7 @@ class Comparison:
     gaps: list[str] = field(default_factory=list)
     text: str = "kept"
     every: int = 1
-    told: list[Told] = field(default_factory=list)
+    told: list[LiveState] = field(default_factory=list)
 
     @property
     def exact(self) -> bool:
@@ -140,7 +140,7 @@ class Rerun:
                 self._count()
                 self._said.append(item)
             elif isinstance(item, State):
-                self._told(item, now_ns)
+                self._note_live_state(item, now_ns)
             elif isinstance(item, Gap):
                 self._left_over()
                 self._whole = False
@@ -162,9 +162,9 @@ class Rerun:
             self.settings.append(settings)
         self._whole = made.step == 0
 
-    def _told(self, item: State, now_ns: int) -> None:
+    def _note_live_state(self, item: State, now_ns: int) -> None:
         said = [str(item.status.get(name) or "") for name in ("state", "fault", "reason")]
-        told = Told(now_ns, *said)
+        told = LiveState(now_ns, *said)
         if not self.comparison.told or self.comparison.told[-1][1:3] != told[1:3]:
             self.comparison.told.append(told)
 

@@ -71,7 +71,7 @@ def recalibrating(client: ControlClient | None) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def change_told(socket: Path | None) -> Iterator[None]:
+def reporting_change(socket: Path | None) -> Iterator[None]:
     """Whoever interrupts or declines inside is told whether the service has another reference than at the beginning.
 
     socket: of the service, None where none is to be told. Raises ProbewatchError where it does not answer.

@@ -90,12 +90,12 @@ def command(file: Path | None, folder: Path | None, seed: int, unconfigured: boo
             while not stop.wait(_LOOK_S):
                 cart.require_alive()
                 for name, part in cart.twins.items():
-                    told, heard[name] = part.said[heard[name] :], len(part.said)
-                    for line in filter(None, map(_told, told)):
+                    events, heard[name] = part.said[heard[name] :], len(part.said)
+                    for line in filter(None, map(_in_words, events)):
                         click.echo(f"{name}: {line}", err=True)
 
 
-def _told(event: Event) -> str:
+def _in_words(event: Event) -> str:
     """What a device says of its faults, in words; empty where it says something else."""
     if event.get("refused"):
         return f"refused, and nothing changes: {event['refused']}"

@@ -51,7 +51,7 @@ _LONGEST_DEADLINE_MS = 5000.0
 """
 
 
-def told_by(socket: Path) -> Event:
+def status_of(socket: Path) -> Event:
     """The status of the service behind this control socket; empty while it does not answer."""
     try:
         with ControlClient(socket) as client:
@@ -304,7 +304,7 @@ class SimulatedCart(SimulatedDevices):
 
     def status(self) -> Event:
         """What the service says; empty while it does not answer."""
-        return told_by(self.socket)
+        return status_of(self.socket)
 
     def acknowledge(self) -> bool:
         """Whether the service granted it."""

@@ -127,7 +127,7 @@ class _Notes:
         self._places_mm = places_mm(conditions)
         self._looked_ns, self._looks = 0, 0
         self._last_s = 0.0
-        self._told: list[str] = []
+        self._named: list[str] = []
 
     def take(self, verdict: Verdict) -> None:
         outcome, t_s, nats = self._outcome, seconds(verdict.t_ns), self._line.nats
@@ -149,7 +149,7 @@ class _Notes:
             self._look(verdict, t_s)
 
     def finish(self) -> None:
-        self._outcome.faults = " ".join(self._told)
+        self._outcome.faults = " ".join(self._named)
         self._outcome.ok /= self._conditions.session.duration_s
         for scores in self._outcome.scores.values():
             scores.shown /= max(self._looks, 1)
@@ -163,8 +163,8 @@ class _Notes:
         after_s = self._after_s(t_s)
         if after_s >= 0 and not isfinite(self._outcome.fault_s):
             self._outcome.fault_s = after_s
-        if fault not in self._told:
-            self._told.append(fault)
+        if fault not in self._named:
+            self._named.append(fault)
 
     def _note_named(self, verdict: Verdict, t_s: float) -> None:
         wrong, after_s = self._conditions.hazard.faults, self._after_s(t_s)

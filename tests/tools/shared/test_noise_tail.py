@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from appliance.limits import FALSE_ALARM_H, MOST_NAMED_NATS, NAMED_NATS
-from tools.shared.noise_tail import LEVELS_NATS, least_hours, tail_of, told_minutes
+from tools.shared.noise_tail import LEVELS_NATS, least_hours, minutes_text, tail_of
 
 
 def test_the_least_scanning_is_that_which_keeps_the_shipped_threshold_without_a_peak() -> None:
     hours = least_hours()
     assert tail_of([], hours).threshold_nats == pytest.approx(NAMED_NATS)
     assert tail_of([], 2 * hours).threshold_nats < NAMED_NATS < tail_of([], hours / 2).threshold_nats
-    assert told_minutes(hours) == "46 min"
+    assert minutes_text(hours) == "46 min"
 
 
 @pytest.mark.parametrize("length", [0.6, 1.0, 2.0])

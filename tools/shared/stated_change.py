@@ -9,7 +9,7 @@ from appliance.core.parameters import PER_UNIT
 from appliance.types import PARAMETERS, Vector
 
 
-def told_change(checks: Iterable[Mapping[str, Any]]) -> tuple[Vector, Vector]:
+def stated_change(checks: Iterable[Mapping[str, Any]]) -> tuple[Vector, Vector]:
     """(8,) change from the reference and (8,) its sigma, in the units of PARAMETERS (rad, relative, mm), as the checks
     of a status tell them; NaN where they do not.
     """
