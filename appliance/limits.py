@@ -42,7 +42,7 @@ for motion amid a puncture."""
 GESTURE_AGE_S = MAX_VERIFICATION_AGE_S
 """For which the offsets count, which only rocking and twisting show: a gesture, then two minutes of scanning
 (docs/gesture.md has what other ages give). Less asks for the gesture more often; more leaves a marker body that slid,
-slower than the slip watch finds, untold for longer.
+slower than the slip watch finds, unreported for longer.
 """
 AT_REST_S = MAX_VERIFICATION_AGE_S - SWEPT_AGE_S
 """How much longer both count while the probe is held still: what sweeps show then reaches the longest age. Less asks
@@ -131,7 +131,7 @@ class Limits(BaseModel):
     """Deviation from the reference calibration at which a check fails, and how sure it must be.
 
     profile: whose limits those are that are not given. A limit that is given counts instead of the profile's, also
-    where it is looser; `beside_profile` tells.
+    where it is looser; see `beside_profile`.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)

@@ -1,4 +1,4 @@
-"""The composition root: puts the parts of the service together, starts them, ticks until told to stop, ends them."""
+"""The composition root: puts the parts of the service together, starts them, ticks until it is stopped, ends them."""
 
 import signal
 import time

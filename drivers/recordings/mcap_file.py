@@ -38,7 +38,7 @@ text."""
 _MOST_TOPIC = 200
 """Signs of a topic, of which 65,536 are kept; ours have nine at most."""
 _MOST_DAMAGE = 1000
-"""Told one by one; then the rest of the file is not read. A cut or a bad block of a disk is one or two."""
+"""Reported one by one; then the rest of the file is not read. A cut or a bad block of a disk is one or two."""
 _FOOTER = struct.Struct("<BQQQI8s")
 """Opcode, length, two offsets, CRC-32 of the summary with all of the footer before it, magic; section "Footer"."""
 _CHANNEL = struct.Struct("<HHI")

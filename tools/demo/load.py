@@ -30,7 +30,7 @@ class DemoLoad:
         self._pressure.close()
 
     def look(self, overloaded: bool = False) -> None:
-        """overloaded: the service says so of itself, which counts also where the kernel tells no pressure."""
+        """overloaded: the service says so of itself, which counts also where the kernel reports no pressure."""
         self._overloaded |= overloaded
         now_ns = time.monotonic_ns()
         if now_ns - self._at_ns < _WINDOW_NS:

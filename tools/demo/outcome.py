@@ -11,10 +11,10 @@ from appliance.types import State
 from tools.demo.script import LONGEST_RECOVERY_S, Injection, Script
 
 _EVIDENCE_S = 10.0
-"""What is told of a moment rests on the motion of so many seconds before it."""
+"""What is reported of a moment rests on the motion of so many seconds before it."""
 _BUSY_S = 2.0
 """How long the machine must have been too busy in that time to explain anything. A choice, not measured: longer, and a
-short overload is told as a failure; shorter, and another program's start excuses a failure."""
+short overload is reported as a failure; shorter, and another program's start excuses a failure."""
 
 ALARMS = (State.WARNING, State.HALT, State.RECALIBRATION_REQUESTED, State.DEVICE_LOST)
 
@@ -71,7 +71,7 @@ class History:
     prompts: tuple[Prompt, ...] = ()
 
     def busy(self, from_s: float, until_s: float) -> bool:
-        """Whether the machine was too busy then for anything to be told of it."""
+        """Whether the machine was too busy then for anything to be concluded of it."""
         spans = ((max(one, from_s - _EVIDENCE_S), min(other, until_s)) for one, other in self.busy_s)
         return sum(max(0.0, other - one) for one, other in spans) >= _BUSY_S
 

@@ -321,7 +321,7 @@ def _alarm_row(name: str, some: list[Healthy]) -> Sequence[str]:
 
 
 def _confusion(found: list[Found]) -> list[str]:
-    """Classes against what was told first."""
+    """Classes against what was named first."""
     told = sorted({name for one in found for name in one.told if name})
     rows = []
     for fault in dict.fromkeys(FAULTS.values()):

@@ -171,7 +171,7 @@ class Replay:
         self._seen = registered(session)
 
     def run(self, from_s: float, to_s: float, slip: Slip | None, seed: int) -> Iterator[Look]:
-        """What is told of each picture."""
+        """What is reported of each picture."""
         poses = deque(self._poses(from_s, to_s, slip, seed))
         limits, reference = Limits(), self.session.reference
         watch = MarkerSlip(limits, reference)

@@ -155,7 +155,7 @@ def _point(status: Status) -> Iterator[Metric]:
 
 
 def _shown_now(check: Mapping[str, Any]) -> bool:
-    """`shown` is null where the contact does not ask for the parameter; then the verdict tells."""
+    """`shown` is null where the contact does not ask for the parameter; then the verdict decides."""
     return bool(check["verdict"] == "OK" and check.get("shown") in (None, "verified"))
 
 

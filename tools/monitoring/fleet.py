@@ -21,7 +21,8 @@ never answers.
 _MOST_BYTES = 16_000_000
 """Of one answer. A cart takes about 2 kB of it; what is larger is no answer to this question."""
 DRIFTING = 0.7
-"""Share of a limit, as the rule ProbewatchDrifting has it: nearer is told while there is time to look at the clamp."""
+"""Share of a limit, as the rule ProbewatchDrifting has it: nearer is reported while there is time to look at the
+clamp."""
 _WELL_KNOWN = 0.15
 """Sigma of the value, as a share of the limit, from which its mean says nothing of a drift; the same rule has it."""
 DUE_SOON_S = 14 * 86400.0

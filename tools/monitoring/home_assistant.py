@@ -1,9 +1,9 @@
-"""What Home Assistant must be told so that a cart appears there by itself: MQTT discovery, one message an entity."""
+"""What Home Assistant must be sent so that a cart appears there by itself: MQTT discovery, one message an entity."""
 
 from typing import Any
 
 _EXPIRE_S = 60
-"""After which a value that was not told again counts as unknown: four times as long as the publisher repeats it."""
+"""After which a value that was not sent again counts as unknown: four times as long as the publisher repeats it."""
 
 _ENTITIES: dict[str, tuple[str, dict[str, Any]]] = {
     "verified": (

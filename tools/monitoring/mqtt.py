@@ -27,16 +27,17 @@ from tools.monitoring.home_assistant import discovery
 
 _PORTS = {"mqtt": 1883, "mqtts": 8883}  # registered with IANA
 _KEEPALIVE_S = 10
-"""The broker tells the last will after one and a half of it: how long a dead cart may look alive, against traffic."""
+"""The broker publishes the last will after one and a half of it: how long a dead cart may look alive, against
+traffic."""
 _CONNECT_S = 5.0
 """For which a broker may take to accept. Longer finds a slow one, shorter is sooner at the next try. Not measured."""
 _FIRST_WAIT_S, _LONGEST_WAIT_S = 1.0, 30.0
 """Before the next try, doubled each time until one has lasted for the longest: how late a broker that is back is
 noticed, against knocking on its door."""
 _LOOK_S = 1.0
-"""Between two looks at the service. Shorter tells a change sooner, and takes an answer of the service each time."""
+"""Between two looks at the service. Shorter publishes a change sooner, and takes an answer of the service each time."""
 _REPEAT_S = 15.0
-"""After which the state is told again though it is the same, so that who looks on may call a silence one."""
+"""After which the state is published again though it is the same, so that who looks on may call a silence one."""
 _GOODBYE_S = 2.0
 """For which the last message may take at the end."""
 _LONGEST_ANSWER = 2
@@ -120,7 +121,7 @@ def _tls(ca: Path | None, certificate: Path | None, key: Path | None) -> ssl.SSL
 
 
 def message(status: Status | None) -> dict[str, Any]:
-    """What is told of a service; of one that does not answer, or is of another version, nothing but that."""
+    """What is published of a service; of one that does not answer, or is of another version, nothing but that."""
     try:
         return {"up": False, "verified": False, "alarm": None} if status is None else _message_of(status)
     except (KeyError, TypeError, ValueError):

@@ -7,8 +7,8 @@ from drivers.openigtlink.message import Message
 from tools.openigtlink.replies import refusal, reply
 
 _ONCE_S = 5.0
-"""For which one who asked for the next picture or pose waits, until it is told that none comes: as long as a client of
-the feed waits for its first word. Not measured."""
+"""For which one who asked for the next picture or pose waits, until it is answered that none comes: as long as a client
+of the feed waits for its first word. Not measured."""
 
 _GRANTED, _DENIED = b"\0", b"\1"
 """Of RTS_…, by the specification."""

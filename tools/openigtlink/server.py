@@ -23,8 +23,8 @@ from tools.shared.called_host import endpoint_text
 from tools.shared.status_watch import Seen, StatusWatch
 
 _MOST_CLIENTS = 32
-"""At once; for the next one somebody leaves who has started no stream, else it is sent away. Each costs a descriptor, a
-buffer and some 0.1 ms in a round. Not measured."""
+"""At once; for the next one a client leaves that has started no stream, else it is sent away. Each costs a descriptor,
+a buffer and some 0.1 ms in a round. Not measured."""
 
 _SETTLED_S = 5.0
 """For which who has started no stream keeps the place though others wait for one. 3D Slicer starts none either, and

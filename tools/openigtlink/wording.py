@@ -53,7 +53,7 @@ _SAID = ("state", "text", "remedy", "fault", "reason", "latched", "acknowledged"
          "verification_age_s", "simulated", "fps")  # fmt: skip
 _MEASURED = ("name", "value", "sigma", "unit", "limit", "ratio", "verdict", "shown_age_s")
 _HOW_SHOWN = ("max_age_s", "shown", "carried")
-"""Of the checks of the line besides, as far as this version of the service tells them."""
+"""Of the checks of the line besides, as far as this version of the service sends them."""
 _MOST_BYTES = 60_000
 """Of a STRING, which counts to 65,535. The usual one has 4000."""
 
@@ -78,7 +78,7 @@ def status_of(seen: Seen) -> Status:
 
 
 def fields_of(seen: Seen) -> dict[str, Any]:
-    """What STRING tells as JSON."""
+    """What STRING holds as JSON."""
     status = seen.status
     if status is None:
         return _facts(seen)

@@ -12,8 +12,8 @@ from tools.page.wording import figures
 NAMES = (Fault.POLARITY.value, *MEASURED)
 """Of the rows, in their order."""
 _FINEST = 1000
-"""Parts of the limit below which no figure is told: a sigma that small is none, and a value that small is 0. More shows
-figures that nobody can use."""
+"""Parts of the limit below which no figure is shown: a sigma that small is none, and a value that small is 0. More
+shows figures that nobody can use."""
 
 Row = dict[str, Any]
 

@@ -14,10 +14,10 @@ from tools.page.pace import Pace
 MOST_AT_ONCE = 64
 """Connections: six of each of eight browsers, and some. More takes memory from the cart."""
 EVENTS = "/events"
-"""Path of the stream that a page is told its status by."""
+"""Path of the stream that sends a page its status."""
 MOST_LISTENERS = 16
-"""Browsers that are told events at once; each costs some 30 kB/s. For one more, one of an address that has two more is
-sent away, else it is told to come later."""
+"""Browsers that are sent events at once; each costs some 30 kB/s. For one more, one of an address that has two more is
+sent away, else it is asked to come later."""
 _PICTURES_HZ = 10.0
 """Of one browser: tools/page/pictures.py."""
 _SILENT_S = 5.0

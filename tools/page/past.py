@@ -13,7 +13,7 @@ from drivers.printable import printable
 HOUR_S = 3600.0
 """Past that the page shows, in s. More makes short alarms too thin to be seen. Not varied."""
 _LAST = 12
-"""Alarms told: what fits on a tablet beside everything else."""
+"""Alarms listed: what fits on a tablet beside everything else."""
 UNKNOWN = "unknown"
 """Lamp of a time in which no service ran, or of which nothing is known."""
 _ALARMS = (Priority.HIGH, Priority.MEDIUM)

@@ -75,7 +75,7 @@ class Parts:
 
 @dataclass(eq=False, slots=True)
 class _Listener:
-    """A browser that is told events."""
+    """A browser that is sent events."""
 
     address: str
     sent_away: bool = False

@@ -129,7 +129,7 @@ class ScanSession:
         self._seen_s = self._now_s()
 
     def fields(self) -> dict[str, Any]:
-        """Everything there is to show; docs/page.md tells the phases."""
+        """Everything there is to show; docs/page.md lists the phases."""
         with self._lock:
             begin = self._begin
             return {

@@ -40,8 +40,8 @@ class Keeping:
 
 
 class Recorder:
-    """session: names this run. software, utc: for the file's head; utc(now_ns) is a date as ISO 8601. say: tells the
-    journal.
+    """session: names this run. software, utc: for the file's head; utc(now_ns) is a date as ISO 8601. say: prints for
+    the journal.
 
     failing: why nothing is written at present, None while it is. withheld, lost: samples that are not in the files.
     """

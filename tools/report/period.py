@@ -114,7 +114,7 @@ class Summary:
 
     @property
     def until(self) -> datetime:
-        """What is told is of the time before it."""
+        """What is reported is of the time before it."""
         return min(self.period.end, self.made)
 
     @property

@@ -12,13 +12,13 @@ from tools.report.period import OFF, Alarm, InForce, Summary, per_fault, share
 from tools.report.svg import Plot
 
 _MOST_ALARMS = 200
-"""Told one by one; the rest is counted and in the log."""
+"""Listed one by one; the rest is counted and in the log."""
 _LEAST_SHARE = 0.001
-"""Of the time: the least that one decimal of a per cent tells."""
+"""Share of the time: the least that one decimal of a per cent shows."""
 _MINUTES_FROM_S, _HOURS_FROM_S = 120, 2 * 3600
 """From which duration on minutes and hours tell it well enough, s."""
 _MOST_DAMAGES = 5
-"""Told one by one, at the top; `probewatch log --verify` tells all."""
+"""Listed one by one, at the top; `probewatch log --verify` lists all."""
 _STACK = (
     (State.MONITORING.value, "good"),
     (State.NOT_VERIFIED.value, "wait"),

@@ -30,7 +30,7 @@ _STILL_MM, _STILL_DEG = 3.0, 1.5
 _MASK_PERCENT = (1.0, 80.0)
 """Of the picture that is masked: a scanner shows a frame and text, and more than a fifth of echoes."""
 _LEAST_FREE_BYTES = 1_000_000_000
-"""On the disk of the alarm log: a year of log, and a day of pictures. Less is told before it is full."""
+"""On the disk of the alarm log: a year of log, and a day of pictures. Less is reported before it is full."""
 _LATEST_CHECK_DAYS = 0.0
 """Days beyond the date at which a reference is due that are still green."""
 

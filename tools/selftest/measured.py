@@ -1,4 +1,4 @@
-"""What the feed tells for some seconds, with the time at which each sample came."""
+"""What the feed sends for some seconds, with the time at which each sample came."""
 
 import time
 from collections.abc import Callable
@@ -25,7 +25,7 @@ class Measured:
 
 
 def measured(feed: Path, seconds: float, progress: Callable[[float], None]) -> Measured:
-    """progress: is told the share that is over. Raises DeviceLost, ProtocolError."""
+    """progress: is called with the share that is over. Raises DeviceLost, ProtocolError."""
     found, began_s = Measured(), time.monotonic()
     with Feed(feed) as link:
         while (over_s := time.monotonic() - began_s) < seconds:

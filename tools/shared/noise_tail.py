@@ -16,7 +16,7 @@ BLOCK_NS = 30_000_000_000
 """Whose largest value counts: three windows of the test, so that neighbours share little motion. A peak on the border
 of two counts twice, which is to the safe side."""
 LEVELS_NATS = (6.0, 8.0, 10.0, 12.0, 14.0, 16.0)
-"""Above which peaks are counted. Below the first the test tells it to first order. Each of the others is heard where
+"""Above which peaks are counted. Below the first the test gives it to first order. Each of the others is heard where
 enough peaks lie above it, so that a tail that becomes flatter is not taken for the steeper one of its beginning."""
 _ENOUGH = 5
 """Peaks above a level from which they bound the tail by themselves, and from which a level beyond the first is heard.

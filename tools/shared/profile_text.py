@@ -9,7 +9,7 @@ WORDS = {"limits": "limits: {profile}", "limits but": "limits: {profile}, but fo
 
 
 def profile_text(limits: Mapping[str, Any] | None, language: str = "en") -> str:
-    """limits: of the status or of a report, with profile and beside; empty where an older service tells none."""
+    """limits: of the status or of a report, with profile and beside; empty where an older service sends none."""
     if limits is None:
         return ""
     profile, beside = limits["profile"], ", ".join(_named(name, value) for name, value in limits["beside"].items())

@@ -11,7 +11,7 @@ from appliance.service.control.client import ControlClient
 from drivers.errors import ProbewatchError
 
 _ANSWER_S = 1.0
-"""For the service to answer: twenty ticks. Longer tells later that it does not."""
+"""For the service to answer: twenty ticks. Longer reports later that it does not."""
 
 _AGAIN_S = 0.5
 """Before a service that does not answer is asked again. More often is noise in its queue."""

@@ -72,9 +72,9 @@ def recalibrating(client: ControlClient | None) -> Iterator[None]:
 
 @contextlib.contextmanager
 def reporting_change(socket: Path | None) -> Iterator[None]:
-    """Whoever interrupts or declines inside is told whether the service has another reference than at the beginning.
+    """Report to one who interrupts or declines inside whether the service has another reference than at the beginning.
 
-    socket: of the service, None where none is to be told. Raises ProbewatchError where it does not answer.
+    socket: of the service, None where there is none. Raises ProbewatchError where it does not answer.
     """
     if socket is None:
         with stopped_saying("no service was told of anything"):

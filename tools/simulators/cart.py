@@ -22,7 +22,7 @@ from tools.simulators.whole_cart import CartSettings, Event, SimulatedDevices
 
 _BEGINS = "# SIMULATED devices of `probewatch simulate cart`"
 _LOOK_S = 0.5
-"""Between two looks whether every part still runs, and what it says; how late either is told."""
+"""Between two looks whether every part still runs, and what it says; how late either is reported."""
 _CLAIM = "simulated-cart"
 """File of the folder: holds the seed of the cart that lives there, and is locked while it runs."""
 

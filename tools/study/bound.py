@@ -18,7 +18,7 @@ from tools.study.session import FPS, Session, picture_path, steps_between
 BOUND_S = 30.0
 """Of motion: as long as a verification lasts, so what it cannot show is not to be had."""
 FALSE_ALARM_H = 1000.0
-"""Mean time between two false alarms of the test whose least delay is told; longer makes it surer, and so later."""
+"""Mean time between two false alarms of the test whose least delay is given; longer makes it surer, and so later."""
 LN_A = log(FALSE_ALARM_H * 3600 * FPS)
 """What the log-likelihood ratio must reach for that (Shiryaev and Roberts), about 18.5."""
 _WALK_MM2_PER_MM = 0.002

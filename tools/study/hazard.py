@@ -125,7 +125,7 @@ class Hazard:
 
     @property
     def limited(self) -> bool:
-        """Whether anything of it can be told in multiples of a limit: what metal does at each place cannot."""
+        """Whether anything of it can be given in multiples of a limit: what metal does at each place cannot."""
         return any(one.kind != _METAL for one in self.each)
 
     @property

@@ -29,7 +29,7 @@ _DEEP = WorldSettings(width_px=400, height_px=450, scale_mm_per_px=(0.1, 0.1))
 pulse, of .15 mm, are too coarse to be registered well."""
 
 _CORNERS_MM = np.array([[-10.0, 10.0, -10.0, 10.0], [-9.0, -9.0, 9.0, 9.0]])
-"""Places of the picture by whose displacement the title tells one motion of the tissue from another."""
+"""Places of the picture by whose displacement the title distinguishes one motion of the tissue from another."""
 
 FPS = 30.0
 """Of a scanner's video output."""

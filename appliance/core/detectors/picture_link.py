@@ -54,7 +54,7 @@ _IN_PLACE_PX = 2.6
 """Distance, px, from the place at which the tissue should be, .5 mm of a picture of 32 mm. With .2 s between, 11 pairs
 each of a sweep of 5 mm/s, a fan and an in-plane gesture (seed 1): of the same tissue 24 were alike as a whole, or all
 over and in place; magnified by 9 to 30 % or mirrored none, stretched along one axis by 12 % ten, all but two of which
-are told as stretched. More takes chance for a place, less loses tissue that moves."""
+are reported as stretched. More takes chance for a place, less loses tissue that moves."""
 DARK = 0.4
 """Contrast of a place ÷ that of what is looked for there, below which it shows nothing: shadow, or skin that the probe
 has left. Less finds bands in the dark of a probe in air; more loses tissue behind a shadow."""

@@ -48,8 +48,8 @@ _ROUNDS, _ROUNDS_ON = 12, 3
 """Rounds of estimate and noise by turns: from nothing, and from the noise of a window that shares most of the
 motion."""
 _SHORT_LAG_S = 0.2
-"""Over which the paths are compared in motion too short for the usual half second: two blocks. Longer tells a polarity
-later; shorter drowns in tracker noise, so that it stays untold. Not varied."""
+"""Over which the paths are compared in motion too short for the usual half second: two blocks. Longer shows a polarity
+later; shorter drowns in tracker noise, so that it stays unknown. Not varied."""
 _ITERATIONS = 4
 """Most Gauss–Newton steps of the last round; near the reference a step of less than 1e-6 mostly ends it sooner."""
 _GIVES_WAY = 0.1
@@ -82,7 +82,7 @@ breathing it is 2 to 7, without 40 and more (seed 1 of every session of `probewa
 """
 _CLEAN = 5.0
 """The same where breaths are followed and the tissue's most likely motion is out of the measured path: what is left of
-it there draws the scale no more, and only counts as information. Less trusts a scale that a few breaths tell, more asks
+it there draws the scale no more, and only counts as information. Less trusts a scale that a few breaths show, more asks
 for longer windows. Not measured.
 """
 _BREATHS_S = 3 * QUIET_BREATH_S
@@ -101,7 +101,7 @@ times that after 10, which 20 did not lessen much (in-plane, one seed).
 _HELD_SCALE = 0.01
 """Relative standard deviation of a scale along an axis on which the probe covered less than `LEAST_TRAVEL_MM`. Nothing
 is concluded of it; left free, breathing draws it to −90 %, so that the noise is learned too small and everything else
-is told with too small a sigma: a held probe was named `rotation` by 9° (gesture-hold, breathing, seed 5). At .1 it
+is reported with too small a sigma: a held probe was named `rotation` by 9° (gesture-hold, breathing, seed 5). At .1 it
 is drawn as well, .03 to .001 give the same (a probe held over breaths, eight seeds of
 tests/appliance/core/path/test_breaths.py).
 """
@@ -442,11 +442,11 @@ class _Problem:
 
     @property
     def _axes(self) -> NDArray[np.int64]:
-        """(2,) what the lateral and the axial row tell of how much of the probe's way they show."""
+        """(2,) what the lateral and the axial row show of how much of the probe's way they have."""
         return np.array([SCALE.start, SCALE.start + 1 if self.residual.rigid else FOLLOW])
 
     def _followed(self, J: Array) -> NDArray[np.bool_]:
-        """(2,) whether the motion tells of the lateral scale, and of what follows the face, well more than the tissue's
+        """(2,) whether the motion shows the lateral scale, and what follows the face, well more than the tissue's
         own pretends.
         """
         ratio = np.where(self._tissue_out, _CLEAN, _FOLLOWED)
@@ -489,7 +489,7 @@ class _Problem:
         return solution
 
     def _observed(self, covariance: Array, hidden: list[int]) -> tuple[bool, ...]:
-        """Where the motion, not the prior, tells: within half the prior's sd and what a check could still use."""
+        """Where the motion, not the prior, decides: within half the prior's sd and what a check could still use."""
         if not self.residual.is_informative:
             return (False,) * TAU
         enough = np.minimum(_USEFUL_SD, 0.5 * self._prior_sd()[:TAU])

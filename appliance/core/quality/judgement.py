@@ -28,8 +28,8 @@ _FIRST = (
 )
 """Faults that spoil or explain everything measured after them, in the order in which they are named."""
 _LAST = (Fault.MARKER_BODY_MOVED, Fault.UNDECIDED, Fault.FIELD_DISTORTION)
-"""Told after all others: that one of two bodies moved, of which motion names the first; what is not decided; and what
-mends by itself and must not hide what waits for a person."""
+"""Reported after all others: that one of two bodies moved, of which motion names the first; what is not decided; and
+what mends by itself and must not hide what waits for a person."""
 
 BROKE = "the picture does not continue the one that was verified"
 """Lifted off, or another setting of the scanner: no detector names which."""

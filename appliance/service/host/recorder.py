@@ -35,7 +35,7 @@ damaged*, on a slow disk, and loses its last entries (docs/failures.md).
 """
 _SILENT_NS = 2_000_000_000
 """For which the disk may not answer before that is reported: no alarm, so a disk that spins up is not worth a word.
-Told within 3 s (docs/failures.md).
+Reported within 3 s (docs/failures.md).
 """
 
 
