@@ -264,7 +264,7 @@ class SimulatedCart:
     def start_board(self) -> None:
         """The relay board is plugged in."""
         link, clock = self.folder / "relay_board", TimelessClock(told_ns=self.clock.told_ns)
-        self._board_runs.enter_context(running_board(link, clock, tell=self.changes.append))
+        self._board_runs.enter_context(running_board(link, clock, on_change=self.changes.append))
 
     def kill_board(self) -> None:
         """As when its power fails."""

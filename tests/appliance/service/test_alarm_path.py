@@ -201,7 +201,7 @@ def second(monitoring: SimulatedCart) -> Iterator[Changes]:
     urls = [(f"relay:{link}?channel={n}", role) for n, role in ((1, "contact"), (2, "red"), (3, "tone"))]
     more = "".join(f', {{ url = "{url}", signal = "{role}" }}' for url, role in urls)
     monitoring.config.write_text(text.replace(" }]", " }" + more + "]"))
-    with running_board(link, TimelessClock(told_ns=monitoring.clock.told_ns), 3, tell=changes) as board:
+    with running_board(link, TimelessClock(told_ns=monitoring.clock.told_ns), 3, on_change=changes) as board:
         changes.board = board
         monitoring.end_daemon()
         monitoring.start_daemon()
