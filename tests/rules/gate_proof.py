@@ -63,8 +63,8 @@ DEFECTS = (
     Defect(
         "a reload leaves the line the old limits",
         "appliance/service/control/live_configuration.py",
-        "self._estimator.limit(self.config.limits, ",
-        "self._estimator.limit(before.limits, ",
+        "self._estimator.set_limits(self.config.limits, ",
+        "self._estimator.set_limits(before.limits, ",
         ("tests/appliance/service/control/test_live_configuration.py",),
     ),
     Defect(
@@ -98,8 +98,9 @@ DEFECTS = (
     Defect(
         "a reference comes in force without an entry in the log",
         "appliance/service/control/recalibration.py",
-        "        self._estimator.refer(reference.calibration, reference.relative_pose)\n        self._took(reference)",
-        "        self._estimator.refer(reference.calibration, reference.relative_pose)",
+        "        self._estimator.set_reference(reference.calibration, reference.relative_pose)\n"
+        "        self._took(reference)",
+        "        self._estimator.set_reference(reference.calibration, reference.relative_pose)",
         ("tests/appliance/service/control/test_reference.py",),
     ),
     Defect(

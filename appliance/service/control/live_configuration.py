@@ -58,7 +58,7 @@ class LiveConfiguration:
         self._supervisor.retime(self.config.supervisor.durations())
         timeouts, self.timeouts = self.timeouts, self.config.supervisor.timeouts()
         if (self.config.limits, self.timeouts.stale_ns) != (before.limits, timeouts.stale_ns):
-            self._estimator.limit(self.config.limits, self.timeouts.stale_ns)
+            self._estimator.set_limits(self.config.limits, self.timeouts.stale_ns)
             self._supervisor.invalidate_verification()
         elif self.config.supervisor.max_verification_age_s > before.supervisor.max_verification_age_s:
             self._supervisor.invalidate_verification()  # what has expired does not count again

@@ -138,7 +138,7 @@ class Recalibration:
         return before is not None and difference(before.calibration, candidate.calibration).beyond(self._limits())
 
     def _refer(self, reference: Reference) -> None:
-        self._estimator.refer(reference.calibration, reference.relative_pose)
+        self._estimator.set_reference(reference.calibration, reference.relative_pose)
         self._took(reference)
 
     def _return(self) -> None:

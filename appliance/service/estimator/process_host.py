@@ -55,7 +55,7 @@ class Process(Protocol):
 class EstimatorHost:
     """Owner of the rings and of the process. All times inside are real seconds, whatever the cart's clock does.
 
-    reference: None until refer() gives one; without it nothing is judged. stale_ns: as in `EstimatorSettings`.
+    reference: None until set_reference() gives one; without it nothing is judged. stale_ns: as in `EstimatorSettings`.
     slowness: factor of the timeouts, for an emulated machine. clock: whose real time it is.
 
     restarts: processes started after the first. ended: how the last to end did so, and which restart followed; None
@@ -119,7 +119,7 @@ class EstimatorHost:
         """Hand a sample on; never blocks. One thread for frames, one for poses. Raises ValueError when too large."""
         (self._frames if isinstance(sample, Frame) else self._poses).put(sample)
 
-    def refer(self, reference: Calibration, relative_pose: Matrix4 | None = None) -> None:
+    def set_reference(self, reference: Calibration, relative_pose: Matrix4 | None = None) -> None:
         """Verify against another reference from now on; what is said of the old one is no longer passed on.
 
         relative_pose: as of `EstimatorSettings`.
@@ -128,11 +128,11 @@ class EstimatorHost:
         self._settings = EstimatorSettings(generation, reference, self._limits, self._stale_ns, relative_pose)
         self._send_settings()
 
-    def limit(self, limits: Limits, stale_ns: int) -> None:
+    def set_limits(self, limits: Limits, stale_ns: int) -> None:
         """Verify within other limits from now on."""
         self._limits, self._stale_ns = limits, stale_ns
         if self._settings is not None:
-            self.refer(self._settings.reference, self._settings.relative_pose)
+            self.set_reference(self._settings.reference, self._settings.relative_pose)
 
     def wait(self, real_s: float) -> None:
         """Wait until it reports, or for real_s at most."""

@@ -44,11 +44,11 @@ def test_the_next_process_and_other_limits_go_on_with_it_and_another_reference_w
     said(host, 1, RELATIVE_POSE)
     assert host._settings is not None
     assert np.array_equal(host._settings.relative_pose, RELATIVE_POSE)  # what a new process is sent
-    host.limit(Limits(witness_mm=2.0), 500)
+    host.set_limits(Limits(witness_mm=2.0), 500)
     assert np.array_equal(host.relative_pose, RELATIVE_POSE)
     said(host, 1, RELATIVE_POSE + 1)
     assert np.array_equal(host.relative_pose, RELATIVE_POSE), "of a line before the present one"
-    host.refer(Calibration(np.eye(3), (1, 1), np.array([0.2, 0.1]), np.zeros(3), (64, 48)))
+    host.set_reference(Calibration(np.eye(3), (1, 1), np.array([0.2, 0.1]), np.zeros(3), (64, 48)))
     assert host.relative_pose is None
     said(host, 3, RELATIVE_POSE)
     said(host, 3, None)

@@ -30,7 +30,7 @@ class Estimator(SimpleNamespace):
     reference: Calibration | None = None
     relative_pose: Matrix4 | None = None
 
-    def refer(self, reference: Calibration, relative_pose: Matrix4 | None = None) -> None:
+    def set_reference(self, reference: Calibration, relative_pose: Matrix4 | None = None) -> None:
         self.reference, self.relative_pose = reference, relative_pose
 
 

@@ -84,7 +84,7 @@ def test_other_timeouts_of_a_tracker_reach_the_line() -> None:
         until(lambda: host.poll()[0])
         host.put(frame(stand_in.OK))
         assert verdicts(host)[0].checks[0].limit == 500_000_000
-        host.limit(Limits(), 250_000_000)
+        host.set_limits(Limits(), 250_000_000)
         until(lambda: host.put(frame(stand_in.OK)) or any(v.checks[0].limit == 250_000_000 for v in host.poll()[1]))
 
 
@@ -143,7 +143,7 @@ def test_what_it_could_not_keep_up_with_is_counted(host: EstimatorHost) -> None:
 def test_a_new_reference_silences_what_is_said_of_the_old(host: EstimatorHost) -> None:
     host.put(frame(stand_in.OK, t_ns=1))
     time.sleep(0.2)
-    host.refer(reference(0.5))
+    host.set_reference(reference(0.5))
     host.put(frame(stand_in.OK, t_ns=2))
     (verdict,) = verdicts(host)
     assert (verdict.t_ns, verdict.checks[0].value) == (2, 0.5)
@@ -151,7 +151,7 @@ def test_a_new_reference_silences_what_is_said_of_the_old(host: EstimatorHost) -
 
 def test_it_is_started_again_after_each_death_with_the_same_reference(impatient: EstimatorHost) -> None:
     host = impatient
-    host.refer(reference(0.5))
+    host.set_reference(reference(0.5))
     for restarts, (kill, how) in enumerate((("SIGKILL", "killed by SIGKILL"), ("crash", "ended with exit code 1")), 1):
         before = host.pid
         assert before is not None

@@ -145,7 +145,7 @@ def test_what_was_fed_gives_the_same_verdicts_again_bit_for_bit(tmp_path: Path) 
     with Service(tmp_path, command=None, known=False) as service:
         with Feed(service.path) as feed:
             until(lambda: service.feed.counts.clients == 1)
-            service.estimator.refer(calibration)
+            service.estimator.set_reference(calibration)
             until(lambda: service.estimator.last.generation == 1)
             messages: list[FeedMessage] = []
 
@@ -157,7 +157,7 @@ def test_what_was_fed_gives_the_same_verdicts_again_bit_for_bit(tmp_path: Path) 
             if not any(map(of_time(said[-1].t_ns), messages)):
                 messages += found(feed, of_time(said[-1].t_ns))
         until(lambda: service.feed.counts.clients == 0)
-        service.estimator.refer(calibration)
+        service.estimator.set_reference(calibration)
         until(lambda: service.estimator.last.generation == 2)
         unheard = given(service, samples, len(alone), lambda: None)
     assert repr(said) == repr(unheard) == repr(tuple(alone))
@@ -209,7 +209,7 @@ def test_a_client_that_comes_late_is_told_at_which_step(service: Service) -> Non
 def test_another_reference_is_told_in_its_place(service: Service) -> None:
     with Feed(service.path) as feed:
         generation = service.estimator.last.generation
-        service.estimator.refer(reference(0.5))
+        service.estimator.set_reference(reference(0.5))
         until(lambda: service.estimator.last.generation == generation + 1)
         service.judged(frame(201))
         messages = found(feed, of(201))
