@@ -32,7 +32,8 @@ class Replies:
 
 @dataclass(frozen=True, slots=True)
 class DeviceHealth:
-    """Arrival times, ns of the host clock; None where there was none since the start.
+    """State of the devices at one tick. Arrival times in ns of the host clock; None where there was none since the
+    start.
 
     replies: of the tracker. heartbeat_ns: last report of the present estimator process. output_ns: last write of the
     output that lags most. damage: hazard classes of the alarm log that no person has acknowledged. log_waits_ns: age of
