@@ -311,7 +311,7 @@ class Cart:
     def _tick(self) -> None:
         now_ns = self._now_ns
         health = replace(self._health, heartbeat_ns=now_ns, output_ns=now_ns)
-        inputs = Inputs(tuple(self._verdicts), watch_devices(now_ns, health, Timeouts()), self._request())
+        inputs = Inputs(tuple(self._verdicts), watch_devices(now_ns, health, Timeouts()), self._next_request())
         self.newest = self._verdicts[-1] if self._verdicts else self.newest
         self._verdicts.clear()
         alarm = self._supervisor.step(now_ns, inputs)
@@ -326,7 +326,7 @@ class Cart:
                 broken.add_note(f"at {self.t_s:.2f} s\n{self.told()}")
                 raise broken
 
-    def _request(self) -> Request | None:
+    def _next_request(self) -> Request | None:
         request, self._request = self._request, None
         latched = self.alarm is not None and self.alarm.state in LATCHED and not self.alarm.acknowledged
         return Request.ACKNOWLEDGE if request is None and latched and self.attended else request
