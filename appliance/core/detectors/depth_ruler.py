@@ -3,6 +3,8 @@
 from collections.abc import Callable
 from math import hypot
 
+import numpy as np
+
 from appliance.core.detectors.detector import Detector, Observation
 from appliance.core.detectors.ruler import Ruler, candidates, ruler_again, ruler_at
 from appliance.core.registration.pyramid import Bits
@@ -27,6 +29,9 @@ _MOST_COLUMNS = 12
 _BAND_PX = 320_000
 """Pixels that one search looks at, a little more than 640 × 480; larger pictures are searched in bands of columns, one
 after the other. More costs more in one picture (1920 × 1080 as a whole 45 ms); fewer learn the ruler later."""
+_DRAWN_SHARE = 0.5
+"""Share of a ruler's ticks that must be among what never moves. Less keeps speckle for longer, which a mask covered at
+rest and leaves within a second of motion; more loses a ruler that something moving touches. Not measured."""
 _GONE = 300
 """Pictures without the ruler after which another is looked for, 10 s at 30 Hz: the scanner may have moved it. Fewer
 give up a ruler that a menu covers; more stay blind for longer."""
@@ -56,6 +61,8 @@ class DepthRuler(Detector):
         """See Detector."""
         if seen.repeated:
             return False
+        if self._shown is None and self._known is not None and not self._is_drawn(self._known):
+            self._known = None
         before, found = self._known, None
         if before is not None:
             found = ruler_again(seen.image, before)
@@ -93,6 +100,16 @@ class DepthRuler(Detector):
             certain = abs(value) - room > self._limit and not self._just_changed and not self._another_unit(ratio)
             verdict = VerdictKind.FAULT if certain else VerdictKind.NOT_VERIFIED
         return (Check("depth-ruler", Fault.SCALE, value, sigma, "%", self._limit, verdict),)
+
+    def _is_drawn(self, ruler: Ruler) -> bool:
+        """Whether its ticks are among what never moves, as far as motion has shown until now. Marks of speckle at rest
+        may stand as a ruler's do; motion tells before it verifies.
+        """
+        tissue, (start, stop) = self._tissue(), ruler.columns
+        if tissue is None:
+            return False
+        ticks = tissue[np.round(ruler.rows).astype(int), start:stop]
+        return np.count_nonzero(~ticks.all(axis=1)) >= _DRAWN_SHARE * len(ticks)
 
     def _another_unit(self, ratio: float) -> bool:
         assert self._shown is not None

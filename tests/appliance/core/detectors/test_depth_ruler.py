@@ -298,3 +298,19 @@ def test_recordings_without_an_overlay_show_no_ruler(name: str) -> None:
     frames = [sample for sample in open_recording(plus_file(name)).samples() if isinstance(sample, Frame)]
     watched = Watched(np.zeros(frames[0].image.shape, np.bool_))
     assert watched.learn(lambda k: frames[k].image, len(frames) // 2) is None
+
+
+def test_marks_that_turn_out_to_be_tissue_are_no_ruler() -> None:
+    """At rest speckle is as still as a ruler; once it has moved, neither its loss nor its return says anything."""
+    mask = MASK.copy()
+    watched = Watched(mask)
+    for k in range(30):
+        watched.see(picture(STYLES[0], 1, k))
+    mask[:] = True
+    changes = []
+    for k in range(30):
+        watched.see(picture(STYLES[0], 1, 40 + k, 1.0 if k % 2 else 1.1))
+        changes.append(watched.changed)
+    assert not any(changes)
+    watched.shown(lambda _: True)
+    assert watched.detector.checks() == ()
