@@ -299,7 +299,7 @@ class Evidence:
 
         finding: of the short window, whose noise serves until some was learned from before it.
         """
-        learned = self._examiner.noises.until(now_ns - WINDOW_NS) or self._examiner.noises.first
+        learned = self._examiner.noises.of_motion(now_ns - WINDOW_NS)
         if finding.solution is None:
             self.nats = None
             return None
@@ -341,7 +341,7 @@ class Evidence:
         self._long_ns = now_ns
         long, finding = yield from self._measured(recent, finding, whole, now_ns)
         if finding.solution is not None:
-            self._examiner.noises.learn(now_ns, finding.solution.noise, long.span_ns)
+            self._examiner.noises.learn(now_ns, finding.solution.noise, long.span_ns, finding.solution.way_mm)
         doubtful = finding.failed - self._suspects - self._witnessed
         if now_ns < self._settled_ns:
             doubtful |= finding.failed - self._culprits.keys() - {"latency"}

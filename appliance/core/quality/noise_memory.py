@@ -22,45 +22,56 @@ under a contradiction is longer (`evidence`).
 """
 
 
+_MOVED_MM = 3.0
+"""Way of the probe along any axis from which noise was learned in motion. A hand that holds still goes .8 mm, the noise
+of a tracker of .1 mm looks like 1.5 mm. Noise of a rest lacks what motion adds (a walk of .01 mm instead of .12): held
+against it, the first two seconds of motion after a rest of 30 s were named `offset` by −35 mm (tests/invariant).
+"""
+
+
 class NoiseMemory:
     """breathing_known: whether it was learned from a window long enough to know how the patient breathes."""
 
     def __init__(self) -> None:
         self._learned: deque[tuple[int, Noise]] = deque()
+        self._in_motion: deque[tuple[int, Noise]] = deque()
         self.breathing_known = False
 
     def restart(self) -> None:
         """Forget everything."""
         self._learned.clear()
+        self._in_motion.clear()
         self.breathing_known = False
 
     def lose_sight(self) -> None:
         """How the patient breathes is where learning goes on."""
-        learned = [(t_ns, noise) for t_ns, noise in self._learned if noise.habits]
+        kept = [[one for one in learned if one[1].habits][-1:] for learned in (self._learned, self._in_motion)]
         self.restart()
-        self._learned.extend(learned[-1:])
+        self._learned.extend(kept[0])
+        self._in_motion.extend(kept[1])
 
-    def learn(self, now_ns: int, noise: Noise, span_ns: int) -> None:
-        """Take what a window of that length until now has learned."""
+    def learn(self, now_ns: int, noise: Noise, span_ns: int, way_mm: float) -> None:
+        """Take what a window of that length until now has learned. way_mm: of the probe in it, as of `Solution`."""
         if span_ns >= _BREATHS_NS:
             self._learned.append((now_ns, noise))
+        if span_ns >= _BREATHS_NS and way_mm >= _MOVED_MM:
+            self._in_motion.append((now_ns, noise))
 
     def see_breathing(self, span_ns: int) -> None:
         """A window of that length was solved."""
         self.breathing_known |= span_ns >= _BREATHING_KNOWN_NS
 
-    @property
-    def first(self) -> Noise | None:
-        """The oldest that is kept."""
-        return self._learned[0][1] if self._learned else None
+    def of_motion(self, t_ns: int) -> Noise | None:
+        """As last learned in motion not after t_ns, else the oldest that is kept: what new motion is held against. None
+        where nothing was learned in motion.
+        """
+        return _until(self._in_motion, t_ns) or (self._in_motion[0][1] if self._in_motion else None)
 
     def until(self, t_ns: int) -> Noise | None:
         """The noise as last learned not after t_ns. A short window is held against noise from before it, into which a
         change within it has not gone.
         """
-        while len(self._learned) > 1 and self._learned[1][0] <= self._learned[-1][0] - WINDOW_NS:
-            self._learned.popleft()
-        return next((noise for learned_ns, noise in reversed(self._learned) if learned_ns <= t_ns), None)
+        return _until(self._learned, t_ns)
 
     def for_window(self, window: PathWindow, t_ns: int) -> Noise | None:
         """The noise as last learned not after t_ns, with the habits of breaths that are not in the window."""
@@ -69,3 +80,10 @@ class NoiseMemory:
             return None
         before = self.until(window.start_ns - 1)
         return replace(noise, habits={} if before is None else before.habits)
+
+
+def _until(learned: deque[tuple[int, Noise]], t_ns: int) -> Noise | None:
+    """The last that is not after t_ns. What is older than needed is dropped."""
+    while len(learned) > 1 and learned[1][0] <= learned[-1][0] - WINDOW_NS:
+        learned.popleft()
+    return next((noise for learned_ns, noise in reversed(learned) if learned_ns <= t_ns), None)

@@ -87,12 +87,12 @@ def test_after_a_gap_the_breathing_is_still_known_and_nothing_else() -> None:
     watched = line()
     learned = Noise(np.ones((3, PARTS)), np.ones((3, PARTS)), {1: Habit(np.ones(8), 4.0)})
     noises = watched._evidence._examiner.noises
-    noises.learn(NS, learned, 10 * NS)
-    noises.learn(2 * NS, Noise(np.ones((3, PARTS))), 10 * NS)
+    noises.learn(NS, learned, 10 * NS, way_mm=10.0)
+    noises.learn(2 * NS, Noise(np.ones((3, PARTS))), 10 * NS, way_mm=10.0)
     noises.see_breathing(10 * NS)
     lasting_s, during = GAPS["nothing"]
     after(watched, lasting_s, during)
-    assert noises.first is noises.until(9 * NS) is learned
+    assert noises.of_motion(9 * NS) is noises.until(9 * NS) is learned
     assert not noises.breathing_known, "a wrong axial scale is not named before it was learned again"
 
 
