@@ -139,13 +139,18 @@ def pressed_between(reference: Calibration, before: View, now: View) -> Array:
     return np.array([moved_mm[1], turned_rad[2] * width_mm / 2]) / height_mm
 
 
+def is_even(log_zoom: Array) -> bool:
+    """Whether (2,) logarithms of a zoom are alike, as a scanner's are and those of tissue that is pressed are not."""
+    first, second = log_zoom
+    return bool(first and second and min(first / second, second / first) >= _EVEN)
+
+
 def magnified(log_zoom: Array, pressed: Array) -> PictureChange | None:
     """The change that a gradual magnification makes, None where a hand alone explains it. log_zoom: (2,), lateral and
     axial. pressed: of the face meanwhile, as of `pressed_between`. A stretch along one axis has no name, as strained
     tissue looks alike: it voids what was shown.
     """
-    first, second = log_zoom
-    even = bool(first and second and min(first / second, second / first) >= _EVEN)
+    even = is_even(log_zoom)
     if np.max(np.abs(log_zoom)) < (_LEAST if even else _LEAST_STRAIN) + np.abs(pressed).sum():
         return None
     across, down = np.exp(log_zoom)

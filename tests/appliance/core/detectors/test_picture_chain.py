@@ -445,6 +445,20 @@ def test_what_fades_into_a_turned_or_sheared_picture_at_rest_is_a_change_without
     assert told(calm) == {VerdictKind.OK}
 
 
+@pytest.mark.parametrize(("across", "down", "named"), [(0.96, 1.14, False), (1.0, 1.2, False), (1.2, 1.2, True)])
+def test_what_fades_into_a_picture_that_is_stretched_along_one_axis_is_a_change_without_a_name(
+    across: float, down: float, named: bool
+) -> None:
+    """A breath strains soft tissue so; a scanner's zoom is alike along both."""
+    before, at_rest = speckle(), moved_by((0.0, 0.0))
+    shown = [*[before] * 30, *fading(before, stretched(before, across, down), 4, 20)]
+    calm = event()
+    changes = [step(calm, k * FRAME_NS, image, k > 0, STILL if k else None, at_rest) for k, image in enumerate(shown)]
+    assert changes[:30] == [None] * 30
+    assert any(change is not None for change in changes[30:])
+    assert (zoom_of(calm)[0] is VerdictKind.FAULT) is named
+
+
 @pytest.mark.parametrize("pictures", [3, 8, 18])
 @pytest.mark.parametrize("moved_mm", [4.8, -6.0, 9.0])
 def test_what_fades_into_a_picture_that_was_moved_is_a_change_without_a_name(moved_mm: float, pictures: int) -> None:
