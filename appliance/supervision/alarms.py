@@ -1,4 +1,4 @@
-"""The alarm table: what each state looks and sounds like, and what each hazard asks of the people in the room.
+"""The alarm table: what each state looks and sounds like, and what the operator reads beside it.
 
 In the style of IEC 60601-1-8: high priority red, flashing at 1.4 … 2.8 Hz, bursts of 5 + 5 pulses; medium yellow, 0.4 …
 0.8 Hz, 3 pulses; low cyan, steady, 1 pulse. Texts are English; appliance.supervision.languages translates them.
@@ -7,6 +7,7 @@ In the style of IEC 60601-1-8: high priority red, flashing at 1.4 … 2.8 Hz, bu
 from dataclasses import dataclass
 from enum import Enum
 
+from appliance.supervision.faults import FAULT_ROWS
 from appliance.supervision.languages import translated
 from appliance.types import Fault, State
 
@@ -45,17 +46,6 @@ class Signal:
     remedy: str
 
 
-@dataclass(frozen=True, slots=True)
-class Hazard:
-    """One class of fault: what the operator reads and does. requested: does instead once a recalibration is requested;
-    empty where it never is.
-    """
-
-    text: str
-    remedy: str
-    requested: str = ""
-
-
 def _high(technical: bool, text: str, remedy: str) -> Signal:
     return Signal(Priority.HIGH, technical, Lamp.RED, 2.0, 10, text, remedy)
 
@@ -88,71 +78,9 @@ SIGNALS = {
 }
 """Flashes in Hz and pulses of a burst in the ranges of IEC 60601-1-8 that are named above."""
 
-HAZARDS: dict[Fault, Hazard] = {
-    Fault.POLARITY: Hazard("Picture is mirrored", "Reset the scanner's left/right and up/down flip"),
-    Fault.SCALE: Hazard(
-        "Picture scale has changed",
-        "Set the scanner's depth and zoom as calibrated",
-        "Set the scanner's depth and zoom as calibrated, else recalibrate",
-    ),
-    Fault.ROTATION: Hazard(
-        "Marker body or tracker has turned",
-        "Scan: if it verifies, the tracker moved; else clamp, 'calibration recover'",
-    ),
-    Fault.OFFSET: Hazard(
-        "Marker body or tracker has moved",
-        "Scan: if it verifies, the tracker moved; else clamp, 'calibration recover'",
-        "Scan: if it verifies, the tracker moved; else check clamp, recalibrate",
-    ),
-    Fault.LATENCY: Hazard("Tracker and picture are out of step", "Check frame rate; set latency_ms as proposed"),
-    Fault.POSE_CONVENTION: Hazard("Tracker's axes do not fit", "Check the tool file and the tracker's export"),
-    Fault.EXCHANGED_PROBE: Hazard(
-        "Another probe than calibrated",
-        "Use the calibrated probe, or load this one's calibration",
-        "Use the calibrated probe, or calibrate this one",
-    ),
-    Fault.MARKER_BODY_MOVED: Hazard(
-        "One of two marker bodies has moved",
-        "Check both clamps; scan: it shows whether the calibration holds",
-    ),
-    Fault.UNDECIDED: Hazard(
-        "Something is wrong, not yet clear what",
-        "Make the motion that shows which of the two it is",
-    ),
-    Fault.FROZEN_VIDEO: Hazard("Picture is frozen", "Unfreeze the scanner; check the video cable"),
-    Fault.VIDEO_LOST: Hazard("No picture from the scanner", "Check the scanner and the video cable"),
-    Fault.TRACKER_ALERT: Hazard("Tracker reports a fault", "See its remarks; check a bumped sensor, clear it"),
-    Fault.MARKER_BODY: Hazard("Marker body is bent or dirty", "Clean and check all markers and the clamp"),
-    Fault.FIELD_DISTORTION: Hazard("Tracker's field is distorted", "Move metal and cables away from it"),
-    Fault.TRACKER_LOST: Hazard("No answer from the tracker", "Check the tracker's power and cable"),
-    Fault.TRACKER_STALE: Hazard("Tracker repeats old positions", "Restart tracking; check the tracker"),
-    Fault.OUTPUT_FAILED: Hazard("Alarm output does not respond", "Check the relay's cable and power"),
-    Fault.ESTIMATOR_SILENT: Hazard("Verification has stopped", "Wait for it to restart, else restart the cart"),
-    Fault.MEMORY_DAMAGED: Hazard("Alarm memory is damaged", "Read 'probewatch log --verify', then acknowledge"),
-    Fault.LOG_DAMAGED: Hazard("Alarm log is damaged", "Read 'probewatch log --verify', then acknowledge"),
-    Fault.LINE_OF_SIGHT: Hazard("Probe not seen by the tracker", "Bring the probe into the tracker's view"),
-    Fault.POSE_UNUSABLE: Hazard("What comes as a pose is none", "See the tracker's remarks; name the right tool"),
-    Fault.USER_FREEZE: Hazard("Picture is paused by the user", "Unfreeze the scanner to continue"),
-    Fault.NO_PICTURE: Hazard("No ultrasound in the picture", "Probe on the skin, live picture on the scanner"),
-    Fault.LOG_NOT_WRITTEN: Hazard("Alarm log cannot be written", "Make room on the cart's disk; check it"),
-    Fault.OVERLOADED: Hazard("This computer is overloaded", "Close other programs; check a device that stays lost"),
-    Fault.CALIBRATION_FILE: Hazard(
-        "Configured calibration is not in force",
-        "Read 'probewatch calibration list'",
-    ),
-    Fault.CALIBRATION_DUE: Hazard("Calibration is overdue", "Recalibrate, or check it with the cross-wire"),
-}
-
-SILENCES = frozenset(
-    (
-        Fault.FROZEN_VIDEO,
-        Fault.VIDEO_LOST,
-        Fault.TRACKER_LOST,
-        Fault.TRACKER_STALE,
-        Fault.OUTPUT_FAILED,
-        Fault.ESTIMATOR_SILENT,
-    )
-)
+HAZARDS = {fault: row for fault, row in FAULT_ROWS.items() if row.text}
+"""What may be wrong."""
+SILENCES = frozenset(fault for fault, row in FAULT_ROWS.items() if row.overload)
 """Hazards that a computer short of time shows as well as a device that is gone."""
 _EXPLAINED = (State.WAITING, State.NOT_VERIFIED, State.WARNING, State.DEVICE_LOST, State.INTERNAL_FAULT)
 """States that silence alone can lead to."""

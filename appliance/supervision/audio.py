@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from enum import Enum
 
 from appliance.supervision.alarms import SIGNALS, Priority
-from appliance.supervision.policy import pulses
-from appliance.types import AlarmState
+from appliance.supervision.faults import FAULT_ROWS
+from appliance.types import AlarmState, Fault, State
 
 LONGEST_PAUSE_NS = 120_000_000_000
 """Longer, a room would forget that it silenced the alarm; shorter, it would switch the sound off instead."""
@@ -99,3 +99,10 @@ class Audio:
         due = SIGNALS[alarm.state].priority in (Priority.HIGH, Priority.MEDIUM) and quiet_ns >= REMINDER_NS
         began_ns = self._silent_since_ns + quiet_ns // REMINDER_NS * REMINDER_NS
         return Sound(mode, int(due), began_ns, off_reason=self._off_reason)
+
+
+def pulses(state: State, fault: Fault | None) -> int:
+    """Of a burst of the tone in this state, for this hazard; 0 is silence."""
+    row = None if fault is None else FAULT_ROWS[fault].policy
+    quiet = row is not None and row.silent and row.step_to(state) is not None
+    return 0 if quiet else SIGNALS[state].pulses

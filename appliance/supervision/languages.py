@@ -1,4 +1,5 @@
-"""The operator's texts in other languages: one table a language, from the English text. English needs none.
+"""The operator's texts in other languages: one table a language, from the English text. English needs none. What faults
+and their checks are called stands in their rows (`appliance.supervision.faults`), all else here.
 
 A text that is put together while the service runs is translated clause by clause, and stays English as a whole where
 one of them is unknown: half a sentence in each language is worse than either.
@@ -7,7 +8,9 @@ one of them is unknown: half a sentence in each language is worse than either.
 import re
 from collections.abc import Mapping
 
-GERMAN = {
+from appliance.supervision.faults import FAULT_ROWS
+
+GERMAN = {text: german for row in FAULT_ROWS.values() for text, german in row.translations().items()} | {
     "Self-test": "Selbsttest",
     "Wait a few seconds": "Einige Sekunden warten",
     "Waiting for devices": "Warten auf Geräte",
@@ -39,68 +42,6 @@ GERMAN = {
     "Reconnect it; monitoring resumes by itself": "Gerät wieder anschließen; die Überwachung läuft von selbst an",
     "Internal fault: not watching": "Interner Fehler: keine Überwachung",
     "Wait for it to restart, else restart the cart": "Neustart abwarten; sonst den Wagen neu starten",
-    "Picture is mirrored": "Bild ist gespiegelt",
-    "Reset the scanner's left/right and up/down flip": "Spiegelung am Ultraschallgerät zurückstellen",
-    "Picture scale has changed": "Bildmaßstab ist verändert",
-    "Set the scanner's depth and zoom as calibrated": "Tiefe und Zoom wie bei der Kalibrierung einstellen",
-    "Set the scanner's depth and zoom as calibrated, else recalibrate": (
-        "Tiefe und Zoom wie bei der Kalibrierung einstellen, sonst neu kalibrieren"
-    ),
-    "Marker body or tracker has turned": "Markerkörper oder Tracker ist verdreht",
-    "Scan: if it verifies, the tracker moved; else clamp, 'calibration recover'": (
-        "Schallen; wird bestätigt: Tracker; sonst Klemme, 'calibration recover'"
-    ),
-    "Scan: if it verifies, the tracker moved; else check clamp, recalibrate": (
-        "Schallen; wird bestätigt: Tracker; sonst Klemme prüfen, neu kalibrieren"
-    ),
-    "Marker body or tracker has moved": "Markerkörper oder Tracker ist verrutscht",
-    "Tracker and picture are out of step": "Tracker und Bild laufen auseinander",
-    "Check frame rate; set latency_ms as proposed": "Bildrate prüfen; latency_ms wie vorgeschlagen setzen",
-    "Tracker's axes do not fit": "Achsen des Trackers passen nicht",
-    "Check the tool file and the tracker's export": "Werkzeugdatei und Export des Trackers prüfen",
-    "Another probe than calibrated": "Andere Sonde als kalibriert",
-    "Use the calibrated probe, or load this one's calibration": (
-        "Kalibrierte Sonde nehmen oder Kalibrierung dieser Sonde laden"
-    ),
-    "Use the calibrated probe, or calibrate this one": "Kalibrierte Sonde nehmen oder diese kalibrieren",
-    "One of two marker bodies has moved": "Einer der Markerkörper ist verschoben",
-    "Check both clamps; scan: it shows whether the calibration holds": (
-        "Beide Klemmen prüfen; schallen: es zeigt, ob die Kalibrierung hält"
-    ),
-    "Something is wrong, not yet clear what": "Falsch, noch unklar was",
-    "Make the motion that shows which of the two it is": "Die Bewegung machen, die zeigt, welches von beiden es ist",
-    "Picture is frozen": "Bild ist eingefroren",
-    "Unfreeze the scanner; check the video cable": "Standbild aufheben; Videokabel prüfen",
-    "No picture from the scanner": "Kein Bild vom Ultraschallgerät",
-    "Check the scanner and the video cable": "Ultraschallgerät und Videokabel prüfen",
-    "No answer from the tracker": "Tracker antwortet nicht",
-    "Check the tracker's power and cable": "Strom und Kabel des Trackers prüfen",
-    "Tracker repeats old positions": "Tracker wiederholt alte Positionen",
-    "Restart tracking; check the tracker": "Tracking neu starten; Tracker prüfen",
-    "Tracker reports a fault": "Tracker meldet einen Fehler",
-    "See its remarks; check a bumped sensor, clear it": "Hinweise lesen; nach einem Stoß Sensor prüfen, dann löschen",
-    "Marker body is bent or dirty": "Markerkörper verbogen oder verschmutzt",
-    "Clean and check all markers and the clamp": "Alle Marker und die Klemme reinigen und prüfen",
-    "Tracker's field is distorted": "Feld des Trackers ist gestört",
-    "Move metal and cables away from it": "Metall und Kabel von ihm entfernen",
-    "Alarm output does not respond": "Alarmausgang antwortet nicht",
-    "Check the relay's cable and power": "Kabel und Strom des Relais prüfen",
-    "Verification has stopped": "Prüfung steht still",
-    "Alarm memory is damaged": "Alarmspeicher ist beschädigt",
-    "Alarm log is damaged": "Alarmprotokoll ist beschädigt",
-    "Read 'probewatch log --verify', then acknowledge": "'probewatch log --verify' lesen, dann quittieren",
-    "Probe not seen by the tracker": "Tracker sieht die Sonde nicht",
-    "Bring the probe into the tracker's view": "Sonde ins Sichtfeld des Trackers bringen",
-    "No ultrasound in the picture": "Kein Ultraschall im Bild",
-    "Probe on the skin, live picture on the scanner": "Sonde auf die Haut, Livebild am Ultraschallgerät",
-    "Alarm log cannot be written": "Alarmprotokoll kann nicht geschrieben werden",
-    "Configured calibration is not in force": "Konfigurierte Kalibrierung ist nicht in Kraft",
-    "Read 'probewatch calibration list'": "'probewatch calibration list' lesen",
-    "Calibration is overdue": "Kalibrierung ist überfällig",
-    "Recalibrate, or check it with the cross-wire": "Neu kalibrieren, oder am Fadenkreuz prüfen",
-    "Make room on the cart's disk; check it": "Platz auf der Festplatte des Wagens schaffen; sie prüfen",
-    "This computer is overloaded": "Dieser Rechner ist überlastet",
-    "Close other programs; check a device that stays lost": "Andere Programme schließen; Gerät prüfen, das weg bleibt",
     "self-test": "Selbsttest",
     "waiting for devices": "Warten auf Geräte",
     "not verified": "nicht bestätigt",
@@ -185,61 +126,7 @@ GERMAN = {
     ),
     "deg": "Grad",
     "axes": "Achsen",
-    "polarity": "Spiegelung",
-    "rotation-lateral": "Drehung lateral",
-    "rotation-axial": "Drehung axial",
-    "rotation-elevational": "Drehung elevational",
-    "scale-lateral": "Maßstab lateral",
-    "scale-axial": "Maßstab axial",
-    "offset-lateral": "Versatz lateral",
-    "offset-axial": "Versatz axial",
-    "offset-elevational": "Versatz elevational",
-    "latency": "Verzögerung",
-    "motion-agreement": "Übereinstimmung",
-    "undecided": "Unentschieden",
     "nothing to compare: {name}": "nichts zu vergleichen: {name}",
-    "no-picture": "Kein Ultraschall",
-    "user-freeze": "Bild angehalten",
-    "What comes as a pose is none": "Was als Pose kommt, ist keine",
-    "See the tracker's remarks; name the right tool": "Hinweise des Trackers lesen; Werkzeug richtig nennen",
-    "Picture is paused by the user": "Bild vom Benutzer angehalten",
-    "Unfreeze the scanner to continue": "Zum Weitermachen Standbild aufheben",
-    "picture-flip": "Bild gespiegelt",
-    "picture-zoom": "Bild gezoomt",
-    "picture-size": "Bildgröße",
-    "depth-ruler": "Tiefenlineal",
-    "fan-stretch": "Fächer gestreckt",
-    "fan-shift": "Fächer verschoben",
-    "fan-scale": "Fächermaßstab",
-    "fan-motion": "Fächer und Bewegung",
-    "poses-inverted": "Posen umgekehrt",
-    "axes-swapped": "Achsen vertauscht",
-    "axis-mirrored": "Achse gespiegelt",
-    "turns-inverted": "Drehungen umgekehrt",
-    "quaternion-order": "Quaternion verdreht",
-    "exchanged-probe": "Andere Sonde",
-    "marker-turn": "Marker verdreht",
-    "marker-shift": "Marker verschoben",
-    "marker-elevational": "Marker elevational",
-    "witness-slide": "Zeuge verschoben",
-    "witness-turn": "Zeuge verdreht",
-    "frozen-video": "Standbild",
-    "frozen-tracker": "Tracker steht",
-    "video presence": "Video da",
-    "tracker presence": "Tracker da",
-    "tracker freshness": "Tracker aktuell",
-    "tracker alert": "Trackermeldung",
-    "line of sight": "Sichtverbindung",
-    "pose usable": "Pose brauchbar",
-    "marker fit": "Markerpassung",
-    "marker geometry": "Markergeometrie",
-    "field indicator": "Feldanzeige",
-    "estimator presence": "Prüfprozess da",
-    "output presence": "Alarmausgang da",
-    "alarm log integrity": "Protokoll unversehrt",
-    "calibration file": "Kalibrierdatei",
-    "calibration date": "Kalibrierfrist",
-    "alarm log written": "Protokoll gesichert",
 }
 
 LANGUAGES = {"en": {}, "de": GERMAN}

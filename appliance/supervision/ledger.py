@@ -2,7 +2,8 @@
 
 from appliance.supervision.alarms import HAZARDS, SILENCES
 from appliance.supervision.condition import Condition
-from appliance.supervision.policy import PLAIN, POLICY, Durations, Policy, Step
+from appliance.supervision.faults import FAULT_ROWS
+from appliance.supervision.policy import PLAIN, Durations, Policy, Step
 from appliance.types import Check, Fault, Kind, State, Verdict, VerdictKind
 
 
@@ -60,7 +61,7 @@ class Ledger:
         self._note_integrity(failing)
         self._note_kind(self.internal, failing, Kind.INTERNAL)
         self._note_kind(self.device, failing, Kind.DEVICE)
-        self._untested = any(POLICY[fault].tested for fault in failing)
+        self._untested = any(FAULT_ROWS[fault].policy.tested for fault in failing)
 
     def _note_sight(self, checks: tuple[Check, ...]) -> None:
         """Whatever is not in view can be changed meanwhile."""
@@ -329,10 +330,10 @@ class Ledger:
 
 
 def _requests(fault: Fault, check: str) -> bool:
-    step = POLICY[fault].step_to(State.RECALIBRATION_REQUESTED)
+    step = FAULT_ROWS[fault].policy.step_to(State.RECALIBRATION_REQUESTED)
     return step is not None and step.led_by(check)
 
 
 def _row(condition: Condition) -> Policy:
     """The policy of its hazard; after a restart it may not be known which one it was."""
-    return PLAIN if condition.fault is None else POLICY[condition.fault]
+    return PLAIN if condition.fault is None else FAULT_ROWS[condition.fault].policy

@@ -1,19 +1,17 @@
-"""The policy: what each hazard leads to while it is shown, after how long, with which tone, and what ends it. Pure.
+"""The policies: what a hazard leads to while it is shown, after how long, with which tone, and what ends it. Pure.
 
-The supervisor's transitions say from where to where it may go; how soon, for which hazard and how loudly is said here
-and nowhere else. docs/alarms.md shows the table.
+The supervisor's transitions say from where to where it may go; how soon and how loudly is said here and nowhere else.
+Which policy a fault has is in its row (`appliance.supervision.faults`). docs/alarms.md shows the table.
 
 As in the paper, a recalibration is requested only for what motion does not recover: a scale, and the offset across the
 picture (ζ). What motion recovers, and what is mended at the scanner or the tracker, ends in HALT.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
 
 from appliance.limits import MAX_VERIFICATION_AGE_S
-from appliance.supervision.alarms import SIGNALS
-from appliance.types import Fault, State
+from appliance.types import State
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,42 +109,3 @@ UNSEEN = Policy((Step(State.NOT_VERIFIED),), Ending.AT_ONCE)
 PAUSED = Policy((Step(State.NOT_VERIFIED),), Ending.AT_ONCE, silent=True)
 """By the user's own hand: nothing that a sound would have to say."""
 ADVISORY = Policy((), Ending.NONE)
-
-POLICY: Mapping[Fault, Policy] = {
-    Fault.POLARITY: GROSS,
-    Fault.SCALE: SCALE,
-    Fault.ROTATION: PLAIN,
-    Fault.OFFSET: OFFSET,
-    Fault.LATENCY: PLAIN,
-    Fault.POSE_CONVENTION: GROSS,
-    Fault.EXCHANGED_PROBE: SCALE,
-    Fault.MARKER_BODY_MOVED: PLAIN,
-    Fault.UNDECIDED: PLAIN,
-    Fault.AGREEMENT: ADVISORY,
-    Fault.FROZEN_VIDEO: DEVICE,
-    Fault.VIDEO_LOST: DEVICE,
-    Fault.TRACKER_ALERT: DEVICE,
-    Fault.MARKER_BODY: DEVICE,
-    Fault.FIELD_DISTORTION: DEVICE,
-    Fault.TRACKER_LOST: DEVICE,
-    Fault.TRACKER_STALE: DEVICE,
-    Fault.OUTPUT_FAILED: OUTPUT,
-    Fault.ESTIMATOR_SILENT: SILENT,
-    Fault.MEMORY_DAMAGED: DAMAGED,
-    Fault.LOG_DAMAGED: DAMAGED,
-    Fault.LINE_OF_SIGHT: UNSEEN,
-    Fault.POSE_UNUSABLE: UNSEEN,
-    Fault.USER_FREEZE: PAUSED,
-    Fault.NO_PICTURE: UNSEEN,
-    Fault.LOG_NOT_WRITTEN: ADVISORY,
-    Fault.OVERLOADED: ADVISORY,
-    Fault.CALIBRATION_FILE: ADVISORY,
-    Fault.CALIBRATION_DUE: ADVISORY,
-}
-
-
-def pulses(state: State, fault: Fault | None) -> int:
-    """Pulses of a burst of the tone in this state, for this hazard; 0 is silence."""
-    row = None if fault is None else POLICY[fault]
-    quiet = row is not None and row.silent and row.step_to(state) is not None
-    return 0 if quiet else SIGNALS[state].pulses

@@ -1,13 +1,12 @@
 """What docs/alarms.md says of each hazard: its limit, what to do, and what the study has measured."""
 
-from collections.abc import Mapping
 from statistics import median
 
 from appliance.configuration.config import SupervisorTimes
 from appliance.core.parameters import QUANTITIES
 from appliance.limits import Limits
 from appliance.supervision.alarms import HAZARDS
-from appliance.supervision.alarms import Hazard as Row
+from appliance.supervision.fault_row import FaultRow
 from appliance.types import Fault
 from tools.development.evidence_figures import Figures, Found
 from tools.development.evidence_pages import of_fault
@@ -15,20 +14,6 @@ from tools.development.markdown import table
 from tools.development.slips import slip_page
 from tools.study.summary import Share
 
-_LIMITS: Mapping[Fault, tuple[str, ...]] = {
-    **{fault: (quantity.limit_key,) for fault, quantity in QUANTITIES.items()},
-    Fault.FROZEN_VIDEO: ("frozen_ms",),
-    Fault.USER_FREEZE: ("frozen_ms",),
-    Fault.VIDEO_LOST: ("video_silence_ms",),
-    Fault.MARKER_BODY: ("marker_fit_mm", "marker_shape_mm"),
-    Fault.MARKER_BODY_MOVED: ("witness_mm", "witness_deg"),
-    Fault.FIELD_DISTORTION: ("field_indicator", "named_nats"),
-    Fault.TRACKER_LOST: ("tracker_silence_ms",),
-    Fault.TRACKER_STALE: ("tracker_stale_ms",),
-    Fault.OUTPUT_FAILED: ("output_silence_ms",),
-    Fault.ESTIMATOR_SILENT: ("estimator_silence_ms",),
-}
-"""Keys of the configuration; what is not here has none: it is seen or not."""
 _HEAD = """## Measured
 
 Simulated hazards, all kinds of a class together, by when they happen: runs with a FAULT (95 %) and its delay, median
@@ -50,7 +35,7 @@ def measured(figures: Figures) -> list[str]:
     return [*_HEAD.splitlines(), "", *table(("class", *manners), rows), *slip_page()]
 
 
-def remedies(row: Row) -> str:
+def remedies(row: FaultRow) -> str:
     """What the operator does, also once a recalibration is requested."""
     return f"{row.remedy}; once a recalibration is requested: {row.requested}" if row.requested else row.remedy
 
@@ -58,7 +43,8 @@ def remedies(row: Row) -> str:
 def limit(fault: Fault) -> str:
     """Keys of the configuration with their defaults."""
     defaults = {**Limits().model_dump(), **SupervisorTimes().model_dump()}
-    return ", ".join(f"`{name}` {defaults[name]:.4g}" for name in _LIMITS.get(fault, ())) or "–"
+    measured = [QUANTITIES[fault].limit_key] if fault in QUANTITIES else []
+    return ", ".join(f"`{name}` {defaults[name]:.4g}" for name in (*measured, *HAZARDS[fault].limits)) or "–"
 
 
 def _when(one: Found) -> str:

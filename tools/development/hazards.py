@@ -11,7 +11,7 @@ from pathlib import Path
 from textwrap import wrap
 
 from appliance.supervision.alarms import HAZARDS, SIGNALS, Priority
-from appliance.supervision.policy import POLICY, Policy, Step
+from appliance.supervision.policy import Policy, Step
 from appliance.types import Fault
 from tools.development.evidence_figures import Figures
 from tools.development.evidence_pages import of_fault
@@ -59,7 +59,7 @@ def hazards(figures: Figures) -> str:
 
 
 def _row(hazard: Fault, figures: Figures) -> tuple[str, ...]:
-    row, number = POLICY[hazard], len(_tests(hazard))
+    row, number = HAZARDS[hazard].policy, len(_tests(hazard))
     reached = ", ".join(step.state.value for step in row.steps)
     finders = ", ".join(f"[{Path(file).stem}](../{file})" for file in found_by()[hazard])
     return (

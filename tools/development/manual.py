@@ -19,7 +19,7 @@ from appliance.supervision.alarms import EARLIER, HAZARDS, PARTLY_EARLIER, SIGNA
 from appliance.supervision.annunciator import BURSTS, LAMP_TEST_NS
 from appliance.supervision.audio import LONGEST_PAUSE_NS, REMINDER_NS
 from appliance.supervision.ledger import Ledger
-from appliance.supervision.policy import POLICY, Durations, Policy
+from appliance.supervision.policy import Durations, Policy
 from appliance.supervision.supervisor import AlarmTable
 from appliance.types import Fault, State
 from tools.development import profiles as profile_page
@@ -143,11 +143,11 @@ def _policy() -> list[str]:
         "whose time counts, where not all of them do."
     )
     rows: dict[tuple[str, ...], list[Fault]] = {}
-    for fault, row in POLICY.items():
-        if fault is not Fault.AGREEMENT:
-            told = f"{steps(row)}{', silent' if row.silent else ''}"
-            scan = step_text(row.scan) if row.scan else "it goes on"
-            rows.setdefault((told, scan, row.ending.value), []).append(fault)
+    for fault, row in HAZARDS.items():
+        policy = row.policy
+        told = f"{steps(policy)}{', silent' if policy.silent else ''}"
+        scan = step_text(policy.scan) if policy.scan else "it goes on"
+        rows.setdefault((told, scan, policy.ending.value), []).append(fault)
     head = ("hazard", "leads to", "during a recalibration scan", "ends when")
     named = ((", ".join(f"`{fault}`" for fault in faults), *cells) for cells, faults in rows.items())
     return ["## Policy", "", text, "", *table(head, named), *_PROPOSALS.splitlines(), ""]
@@ -216,7 +216,7 @@ def _hazards() -> list[str]:
     )
     head = ("text", "what to do", "at worst", "class", "limit (default)")
     rows = (
-        (f"**{row.text}**", remedies(row), _worst(POLICY[name]), f"`{name}`", limit(name))
+        (f"**{row.text}**", remedies(row), _worst(row.policy), f"`{name}`", limit(name))
         for name, row in HAZARDS.items()
     )
     return ["## Hazards", "", text, "", *table(head, rows)]

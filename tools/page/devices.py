@@ -4,22 +4,12 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from appliance.supervision.alarms import HAZARDS
+from appliance.supervision.fault_row import Device
+from appliance.supervision.faults import of_device
 from appliance.supervision.languages import translated
 from appliance.types import Fault, Kind
 
-_GROUPS: Mapping[str, tuple[Fault, ...]] = {
-    "Scanner": (Fault.VIDEO_LOST, Fault.FROZEN_VIDEO, Fault.USER_FREEZE, Fault.NO_PICTURE),
-    "Tracker": (
-        *(Fault.TRACKER_LOST, Fault.TRACKER_STALE, Fault.TRACKER_ALERT, Fault.LINE_OF_SIGHT),
-        *(Fault.POSE_UNUSABLE, Fault.MARKER_BODY, Fault.FIELD_DISTORTION),
-    ),
-    "Contact and lamps": (Fault.OUTPUT_FAILED,),
-    "Computer": (Fault.ESTIMATOR_SILENT, Fault.OVERLOADED),
-    "Alarm log": (Fault.LOG_DAMAGED, Fault.MEMORY_DAMAGED, Fault.LOG_NOT_WRITTEN),
-    "Calibration": (Fault.CALIBRATION_FILE, Fault.CALIBRATION_DUE),
-}
-"""Everything but what is judged of the calibration by motion, the worst first: what hides the others."""
-_ROLES = {"Scanner": "video", "Tracker": "tracker", "Contact and lamps": "output"}
+_ROLES = {Device.SCANNER: "video", Device.TRACKER: "tracker", Device.CONTACT: "output"}
 """As `lost` and `fps` of the status name them."""
 
 Row = dict[str, Any]
@@ -33,17 +23,17 @@ def devices(status: Mapping[str, Any], language: str) -> list[Row]:
     found = {one["fault"]: one["verdict"] for one in checks if one["value"] is not None and one["verdict"] != "OK"}
     if status["fault"] is not None:
         found[status["fault"]] = "FAULT"
-    return [_row(device, found, status, language) for device in _GROUPS]
+    return [_row(device, found, status, language) for device in Device]
 
 
-def _row(device: str, found: Mapping[str, str], status: Mapping[str, Any], language: str) -> Row:
-    faults = [fault for fault in _GROUPS[device] if fault in found]
-    if faults and faults[0] is _GROUPS[device][0]:  # of a device that is gone nothing else is known
+def _row(device: Device, found: Mapping[str, str], status: Mapping[str, Any], language: str) -> Row:
+    faults = [fault for fault in of_device(device) if fault in found]
+    if faults and faults[0] is of_device(device)[0]:  # of a device that is gone nothing else is known
         faults = faults[:1]
     lost = list(_lost(device, status))
     rate = status["fps"].get(_ROLES.get(device, ""))
     return {
-        "device": device,
+        "device": device.value,
         "kind": _kind([fault for fault in faults if found[fault] == "FAULT"], bool(faults), bool(lost)),
         "wrong": [_said(fault, language) for fault in faults],
         "driver": lost,
@@ -63,7 +53,7 @@ def _said(fault: Fault, language: str) -> dict[str, str]:
     return {"text": translated(hazard.text, language), "remedy": translated(hazard.remedy, language)}
 
 
-def _lost(device: str, status: Mapping[str, Any]) -> Iterator[str]:
+def _lost(device: Device, status: Mapping[str, Any]) -> Iterator[str]:
     """`lost` names each as its role and URL."""
     role = _ROLES.get(device)
     return (f"{name.partition(' ')[2]}: {what}" for name, what in status["lost"].items() if name.split(" ")[0] == role)

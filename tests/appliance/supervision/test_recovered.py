@@ -7,11 +7,12 @@ from appliance.core.parameters import MEASURED, class_of
 from appliance.core.quality.proposal import Step, propose
 from appliance.limits import Limits
 from appliance.supervision.alarms import HAZARDS
-from appliance.supervision.policy import POLICY
 from appliance.types import Check, State, VerdictKind
 from tests.support.motions import TRUTH
 
-REQUESTS = {fault: step for fault, row in POLICY.items() if (step := row.step_to(State.RECALIBRATION_REQUESTED))}
+REQUESTS = {
+    fault: step for fault, row in HAZARDS.items() if (step := row.policy.step_to(State.RECALIBRATION_REQUESTED))
+}
 
 
 @pytest.mark.parametrize("name", MEASURED)

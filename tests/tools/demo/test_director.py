@@ -3,7 +3,7 @@
 import pytest
 
 from appliance.limits import Limits
-from appliance.supervision.policy import POLICY
+from appliance.supervision.faults import FAULT_ROWS
 from appliance.types import State
 from drivers.errors import ConfigurationError
 from drivers.twins.faults import SLIDE_MM
@@ -42,7 +42,7 @@ def test_every_fault_has_its_class_and_its_states() -> None:
     for fault, fault_class in FAULT_CLASS.items():
         injection = Injection(fault, 20.0, 24.0)
         assert injection.fault_class == fault_class
-        assert injection.states == tuple(step.state for step in POLICY[fault_class].steps if not step.by)
+        assert injection.states == tuple(step.state for step in FAULT_ROWS[fault_class].policy.steps if not step.by)
     assert [one for one in FAULT_CLASS if Injection(one, 20.0, 24.0).states[-1] is REQUESTED] == ["depth"]
 
 

@@ -13,7 +13,6 @@ from appliance.limits import Limits
 from appliance.service.control.requests import Requests, ServiceActions
 from appliance.service.control.status import alarm_fields, check_lists
 from appliance.supervision.alarms import HAZARDS
-from appliance.supervision.policy import POLICY
 from appliance.supervision.supervisor import AlarmTable
 from appliance.types import AlarmState, Fault, State
 from drivers.registry import drivers
@@ -100,7 +99,7 @@ def test_every_hazard_has_severity_control_residual_and_evidence_with_links() ->
         assert severity in ("high", "medium", "low", "advisory")
         assert "(../appliance/" in control, f"nothing finds {fault}"
         assert re.fullmatch(r"(–|\d+ of \d+ runs); (no|\d+) anomal(y|ies)", residual)
-        assert [step.state.value for step in POLICY[fault].steps] == states_of(control)
+        assert [step.state.value for step in HAZARDS[fault].policy.steps] == states_of(control)
         assert f"(#{fault})" in evidence
         files = section(fault)
         assert files, f"no test names {fault}"
@@ -143,7 +142,7 @@ def test_every_hazard_says_what_to_do_where_it_leads_and_its_limit() -> None:
     rows = rows_of("Hazards")
     assert [row[3] for row in rows] == [f"`{fault}`" for fault in HAZARDS]
     for fault, (text, remedy, worst, _, limit) in zip(HAZARDS, rows, strict=True):
-        hazard, states = HAZARDS[fault], [step.state.value for step in POLICY[fault].steps]
+        hazard, states = HAZARDS[fault], [step.state.value for step in HAZARDS[fault].policy.steps]
         assert text == f"**{hazard.text}**"
         assert remedy.startswith(hazard.remedy)
         assert hazard.requested in remedy

@@ -10,12 +10,14 @@ import tools.page
 from appliance.core.quality.gesture import Gesture
 from appliance.service.control.status import alarm_fields
 from appliance.supervision.alarms import HAZARDS, operator_text
+from appliance.supervision.fault_row import Device
+from appliance.supervision.faults import of_device
 from appliance.supervision.languages import translated
 from appliance.types import PARAMETERS, AlarmState, Fault, Kind, State
 from tests.support.answering import recorded
 from tests.tools.page.test_german import GERMAN
 from tools.page.bars import NAMES, bars, rounded
-from tools.page.devices import _GROUPS, devices
+from tools.page.devices import devices
 from tools.page.room import room
 from tools.shared.gesture_drawings import DRAWINGS, drawing, drawn
 
@@ -112,9 +114,13 @@ def test_what_is_carried_is_no_headline() -> None:
 
 
 def test_every_hazard_that_is_none_of_the_calibration_belongs_to_one_device() -> None:
-    grouped = [fault for faults in _GROUPS.values() for fault in faults]
-    assert sorted(grouped) == sorted(one for one in HAZARDS if one.kind is not Kind.CALIBRATION)
-    assert [name for name in _GROUPS if name not in GERMAN] == []
+    for fault, row in HAZARDS.items():
+        about = "none, as it is about the calibration" if fault.kind is Kind.CALIBRATION else "one"
+        assert (row.device is None) is (fault.kind is Kind.CALIBRATION), f"device of the row of {fault}: name {about}"
+    for one in Device:
+        places = [HAZARDS[fault].place for fault in of_device(one)]
+        assert places == [*range(1, len(places) + 1)], f"{one}: place of each of {of_device(one)}, the worst first"
+    assert [name for name in Device if name not in GERMAN] == []
 
 
 def device(status: dict[str, Any], name: str, language: str = "en") -> dict[str, Any]:
