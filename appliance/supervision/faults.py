@@ -212,7 +212,7 @@ FAULT_ROWS: Mapping[Fault, FaultRow] = {
         de=Texts(
             "Feld des Trackers ist gestört",
             "Metall und Kabel von ihm entfernen",
-            checks={"field indicator": "Feldanzeige"},
+            checks={"field indicator": "Feldanzeige", "field-distortion": "Feld gestört"},
         ),
         device=Device.TRACKER,
         place=7,
@@ -343,7 +343,11 @@ FAULT_ROWS: Mapping[Fault, FaultRow] = {
     Fault.OVERLOADED: FaultRow(
         ADVISORY,
         en=Texts("This computer is overloaded", "Close other programs; check a device that stays lost"),
-        de=Texts("Dieser Rechner ist überlastet", "Andere Programme schließen; Gerät prüfen, das weg bleibt"),
+        de=Texts(
+            "Dieser Rechner ist überlastet",
+            "Andere Programme schließen; Gerät prüfen, das weg bleibt",
+            checks={"processor time": "Rechenzeit"},
+        ),
         device=Device.COMPUTER,
         place=2,
     ),

@@ -1,7 +1,10 @@
 """Every fault has one whole row, and what the code says of a fault is in its row."""
 
 import ast
+from collections.abc import Iterator
 from dataclasses import fields
+from functools import cache
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -75,15 +78,41 @@ def test_a_text_has_one_translation(fault: Fault) -> None:
     assert {english: GERMAN[english] for english in said} == said
 
 
-def code() -> dict[str, ast.Module]:
-    """File → what it says, of the appliance without the tables of texts."""
+@cache
+def code() -> dict[str, str]:
+    """File → its text, of the appliance without the tables of texts."""
     files = sorted(file for file in (ROOT / "appliance").rglob("*.py") if file.name not in (ROWS.name, "languages.py"))
-    return {file.relative_to(ROOT).as_posix(): ast.parse(file.read_text(encoding="utf-8")) for file in files}
+    return {file.relative_to(ROOT).as_posix(): file.read_text(encoding="utf-8") for file in files}
+
+
+def checks_made(text: str) -> Iterator[tuple[str, Fault]]:
+    """(name, fault) of each, where both are written beside each other: in a call, or a tuple that becomes one."""
+    module = ast.parse(text) if "Fault." in text else ast.Module([], [])
+    assigned = [one for one in module.body if isinstance(one, ast.Assign)]
+    named = {one.id: node.value for node in assigned for one in node.targets if isinstance(one, ast.Name)}
+    for node in ast.walk(module):
+        parts = node.args if isinstance(node, ast.Call) else node.elts if isinstance(node, ast.Tuple) else []
+        for name, fault in pairwise(parts):
+            said = named.get(name.id) if isinstance(name, ast.Name) else name
+            if isinstance(said, ast.Constant) and isinstance(said.value, str) and is_fault(fault):
+                yield said.value, Fault[ast.unparse(fault).removeprefix("Fault.")]
+
+
+def is_fault(node: ast.AST) -> bool:
+    return isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "Fault"
+
+
+def test_every_check_of_the_code_has_a_translated_name_in_the_row_of_its_fault() -> None:
+    made = [(file, *one) for file, text in code().items() for one in checks_made(text)]
+    assert len(made) > 30
+    where = f"`checks` of the texts of its row in {ROWS.relative_to(ROOT)}"
+    lacking = [(file, name, fault) for file, name, fault in made if name not in FAULT_ROWS[fault].checks]
+    assert not lacking, "\n".join(f"{file}: '{name}' of {fault} is not among {where}" for file, name, fault in lacking)
 
 
 def test_every_check_of_a_row_is_made_somewhere() -> None:
-    written = {node.value for module in code().values() for node in ast.walk(module) if isinstance(node, ast.Constant)}
-    assert [name for row in FAULT_ROWS.values() for name in row.checks if name not in written] == []
+    names = [name for row in FAULT_ROWS.values() for name in row.checks]
+    assert [name for name in names if not any(f'"{name}"' in text for text in code().values())] == []
 
 
 def test_the_names_of_checks_are_short_and_each_is_of_one_fault() -> None:
