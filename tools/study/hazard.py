@@ -32,36 +32,80 @@ class Manner(StrEnum):
     UNSEEN = "unseen"
 
 
-_BODY: Mapping[str, tuple[int, str]] = {
-    "bend-lateral": (0, "deg"),
-    "bend-axial": (1, "deg"),
-    "bend-elevational": (2, "deg"),
-    "slide-lateral": (5, "mm"),
-    "slide-axial": (6, "mm"),
-    "slide-elevational": (7, "mm"),
-}
-_SCALES: Mapping[str, tuple[int, ...]] = {"scale-lateral": (3,), "scale-axial": (4,), "depth": (3, 4)}
-_FLIPS: Mapping[str, tuple[int, int]] = {"flip-lateral": (-1, 1), "flip-axial": (1, -1)}
-_CONVENTIONS: Mapping[str, Callable[[Array], Array]] = {
-    "poses-inverted": inverse,
-    "axes-swapped": lambda poses: poses @ np.array([[0, 1, 0, 0], [1, 0, 0, 0], [0, 0, -1, 0], [0, 0, 0, 1.0]]),
-}
 _EXCHANGED = np.array([*np.deg2rad([12.0, -20.0, 15.0]), -0.20, -0.15, 15.0, -10.0, 20.0, 0.0])
 """Change of X, rad, relative and mm, by a probe of another kind with a body of its own. No real pair was measured; what
 is farther off was not tried."""
-_EXCHANGE, _METAL = "exchanged-probe", "metal"
-KINDS = ("none", *_BODY, *_SCALES, *_FLIPS, "latency", _METAL, _EXCHANGE, *_CONVENTIONS)
-_PLAIN = frozenset({"none", *_FLIPS, _EXCHANGE, *_CONVENTIONS})
-"""Those that have no size."""
-FAULTS: Mapping[str, Fault] = {
-    **{kind: Fault.ROTATION if unit == "deg" else Fault.OFFSET for kind, (_, unit) in _BODY.items()},
-    **dict.fromkeys(_SCALES, Fault.SCALE),
-    **dict.fromkeys(_FLIPS, Fault.POLARITY),
-    "latency": Fault.LATENCY,
-    _METAL: Fault.FIELD_DISTORTION,
-    _EXCHANGE: Fault.EXCHANGED_PROBE,
-    **dict.fromkeys(_CONVENTIONS, Fault.POSE_CONVENTION),
+_UNITS: Mapping[str, Callable[[float], float]] = {
+    "deg": lambda size: float(np.deg2rad(size)),
+    "mm": lambda size: size,
+    "%": lambda size: size / 100,
+    "ms": lambda size: size / 1000,
 }
+"""Unit of a size → the size in rad, mm, relative or s."""
+_EACH, _AT_ONCE, _START = tuple(Manner), (Manner.START, Manner.SUDDEN, Manner.UNSEEN), (Manner.START,)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HazardKind:
+    """What the study can simulate. fault: class under which it ought to be named. unit: of its size; "" where it has
+    none. rows: of the nine numbers of `Hazard.change` that are its size. change: (9,) where it has no size.
+
+    mirror: of the picture, (lateral, axial). read: (n, 4, 4) poses → as they are reported. metal: bends the tracker's
+    field by its size. sizes, manners: of `--hazards all`. within: size of what is not wrong yet, at most.
+    """
+
+    fault: Fault
+    unit: str = ""
+    rows: tuple[int, ...] = ()
+    change: Array | None = None
+    mirror: tuple[int, int] | None = None
+    read: Callable[[Array], Array] | None = None
+    metal: bool = False
+    sizes: tuple[float, ...] = (0.0,)
+    manners: tuple[Manner, ...] = _EACH
+    within: float | None = None
+
+
+def _bend(row: int) -> HazardKind:
+    return HazardKind(Fault.ROTATION, "deg", (row,), sizes=(4.0, -6.0), within=1.5)
+
+
+def _slide(row: int) -> HazardKind:
+    return HazardKind(Fault.OFFSET, "mm", (row,), sizes=(5.0, -8.0), within=2.0)
+
+
+def _scale(*rows: int, within: float | None = None) -> HazardKind:
+    return HazardKind(Fault.SCALE, "%", rows, sizes=(7.0, -10.0), within=within)
+
+
+def _swapped(poses: Array) -> Array:
+    return np.asarray(poses @ np.array([[0, 1, 0, 0], [1, 0, 0, 0], [0, 0, -1, 0], [0, 0, 0, 1.0]]))
+
+
+_ROWS: Mapping[str, HazardKind] = {
+    "bend-lateral": _bend(0),
+    "bend-axial": _bend(1),
+    "bend-elevational": _bend(2),
+    "slide-lateral": _slide(5),
+    "slide-axial": _slide(6),
+    "slide-elevational": _slide(7),
+    "scale-lateral": _scale(3, within=2.5),
+    "scale-axial": _scale(4, within=2.5),
+    "depth": _scale(3, 4),
+    "flip-lateral": HazardKind(Fault.POLARITY, mirror=(-1, 1), manners=_AT_ONCE),
+    "flip-axial": HazardKind(Fault.POLARITY, mirror=(1, -1), manners=_AT_ONCE),
+    "latency": HazardKind(Fault.LATENCY, "ms", (8,), sizes=(80.0, -120.0, 450.0), within=30.0),
+    "metal": HazardKind(
+        Fault.FIELD_DISTORTION, "mm", metal=True, sizes=(3.0, 6.0), manners=(Manner.START, Manner.CREEPING)
+    ),
+    "exchanged-probe": HazardKind(Fault.EXCHANGED_PROBE, change=_EXCHANGED, manners=(Manner.START, Manner.UNSEEN)),
+    "poses-inverted": HazardKind(Fault.POSE_CONVENTION, read=inverse, manners=_START),
+    "axes-swapped": HazardKind(Fault.POSE_CONVENTION, read=_swapped, manners=_START),
+}
+"""Sizes are 1.3 and 2 times the limit as shipped, one sign each, in every manner; metal displaces by 3 or 6 mm. What is
+within is half of the limit at most."""
+KINDS = ("none", *_ROWS)
+FAULTS: Mapping[str, Fault] = {kind: row.fault for kind, row in _ROWS.items()}
 """Kind → class under which it ought to be named."""
 _TEXT = re.compile(r"([a-z-]+?)(?:=([+-]?[0-9.]+))?(?:@([a-z]+))?")
 
@@ -93,8 +137,9 @@ class Hazard:
         kind, size, manner = found.groups() if found else ("", None, None)
         if kind not in KINDS:
             raise ConfigurationError(f"'{text}' is not a known hazard", "study", f"Use one of {', '.join(KINDS)}")
-        if (size is None) != (kind in _PLAIN):
-            remedy = f"Give {kind} alone" if kind in _PLAIN else f"Give {kind}=5, for example"
+        sized = kind in _ROWS and _ROWS[kind].unit != ""
+        if (size is not None) != sized:
+            remedy = f"Give {kind}=5, for example" if sized else f"Give {kind} alone"
             raise ConfigurationError(f"'{text}' has {'a' if size else 'no'} size", "study", remedy)
         if manner is not None and manner not in list(Manner):
             raise ConfigurationError(f"'{manner}' is not a manner", "study", f"Use @{', @'.join(Manner)}")
@@ -104,9 +149,14 @@ class Hazard:
             raise ConfigurationError(f"'{size}' is not a number", "study", f"Give {kind}=5, for example") from None
 
     def __str__(self) -> str:
-        size = "" if self.kind in _PLAIN else f"={self.size:g}"
-        own = self.kind if self.kind == "none" else f"{self.kind}{size}@{self.manner}"
+        size = f"={self.size:g}" if self._row and self._row.unit else ""
+        own = f"{self.kind}{size}@{self.manner}" if self._row else self.kind
         return own if self.beside is None else f"{own}/{self.beside}"
+
+    @property
+    def _row(self) -> HazardKind | None:
+        """None for none."""
+        return _ROWS.get(self.kind)
 
     @property
     def fault(self) -> Fault | None:
@@ -126,7 +176,7 @@ class Hazard:
     @property
     def limited(self) -> bool:
         """Whether anything of it can be given in multiples of a limit: what metal does at each place cannot."""
-        return any(one.kind != _METAL for one in self.each)
+        return not all(one._row and one._row.metal for one in self.each)
 
     @property
     def onset_s(self) -> float:
@@ -157,16 +207,13 @@ class Hazard:
     @property
     def _whole(self) -> Array:
         """(9,) the same once all of it is there."""
-        if self.kind == _EXCHANGE:
-            return _EXCHANGED
-        whole = np.zeros(9)
-        if self.kind in _BODY:
-            row, unit = _BODY[self.kind]
-            whole[row] = np.deg2rad(self.size) if unit == "deg" else self.size
-        elif self.kind in _SCALES:
-            whole[list(_SCALES[self.kind])] = self.size / 100
-        elif self.kind == "latency":
-            whole[8] = self.size / 1000
+        row, whole = self._row, np.zeros(9)
+        if row is None:
+            return whole
+        if row.change is not None:
+            return row.change
+        if row.rows:
+            whole[list(row.rows)] = _UNITS[row.unit](self.size)
         return whole
 
     def body(self, reference: Calibration, t_s: Array) -> Array:
@@ -177,13 +224,13 @@ class Hazard:
     def measured(self, poses: Array, t_s: Array) -> Array:
         """(n, 4, 4) as the tracker measures them at these times, but for its noise."""
         for one in self.each:
-            poses = distorted(poses, one.size, one.share(t_s)) if one.kind == _METAL else poses
+            poses = distorted(poses, one.size, one.share(t_s)) if one._row and one._row.metal else poses
         return poses
 
     def reported(self, poses: Array) -> Array:
         """(n, 4, 4) as a tracker of that convention reports them."""
         for one in self.each:
-            poses = _CONVENTIONS[one.kind](poses) if one.kind in _CONVENTIONS else poses
+            poses = one._row.read(poses) if one._row and one._row.read else poses
         return poses
 
     def shown(self, image: GreyImage, t_s: float) -> GreyImage:
@@ -195,8 +242,8 @@ class Hazard:
     def _shown_alone(self, image: GreyImage, share: float) -> GreyImage:
         if share == 0.0:
             return image
-        if self.kind in _FLIPS:
-            lateral, axial = _FLIPS[self.kind]
+        if self._row and self._row.mirror:
+            lateral, axial = self._row.mirror
             return np.ascontiguousarray(image[::axial, ::lateral])
         scales = share * self._whole[3:5]
         if not np.any(scales):
@@ -207,32 +254,11 @@ class Hazard:
         return np.asarray(cv2.warpAffine(image, warp, image.shape[::-1], flags=cv2.INTER_LINEAR), np.uint8)
 
 
-STANDARD = tuple(
-    Hazard.parse(text)
-    for text in (
-        "none",
-        *(f"bend-{axis}={size}@{manner}" for axis in ("lateral", "axial", "elevational") for size in (4, -6)
-          for manner in Manner),
-        *(f"slide-{axis}={size}@{manner}" for axis in ("lateral", "axial", "elevational") for size in (5, -8)
-          for manner in Manner),
-        *(f"{kind}={size}@{manner}" for kind in ("scale-lateral", "scale-axial", "depth") for size in (7, -10)
-          for manner in Manner),
-        *(f"{kind}@{manner}" for kind in _FLIPS for manner in (Manner.START, Manner.SUDDEN, Manner.UNSEEN)),
-        *(f"latency={size}@{manner}" for size in (80, -120, 450) for manner in Manner),
-        *(f"{_METAL}={size}@{manner}" for size in (3, 6) for manner in (Manner.START, Manner.CREEPING)),
-        *(f"{_EXCHANGE}@{manner}" for manner in (Manner.START, Manner.UNSEEN)),
-        *(f"{kind}@start" for kind in _CONVENTIONS),
-    )
-)  # fmt: skip
-"""`--hazards all`: each by 1.3 and 2 times its limit, one sign each, in every manner; metal that displaces by 3 or 6
-mm."""
-_HALF = {
-    **{kind: 1.5 if unit == "deg" else 2.0 for kind, (_, unit) in _BODY.items()},
-    "scale-lateral": 2.5,
-    "scale-axial": 2.5,
-    "latency": 30.0,
-}
-"""deg, mm, % and ms: of what is not wrong yet, at most: half of each limit as shipped."""
+STANDARD = (
+    Hazard(),
+    *(Hazard(kind, size, manner) for kind, row in _ROWS.items() for size in row.sizes for manner in row.manners),
+)
+"""`--hazards all`."""
 _WITHIN_RUNS = 8
 """Of `--hazards within`. More tell of more sizes on the same pictures."""
 
@@ -240,7 +266,8 @@ _WITHIN_RUNS = 8
 def _within() -> Iterator[Hazard]:
     random = np.random.default_rng(41)
     for _ in range(_WITHIN_RUNS):
-        sizes = {kind: most * random.uniform(-1, 1) for kind, most in _HALF.items()}
+        most = {kind: row.within for kind, row in _ROWS.items() if row.within is not None}
+        sizes = {kind: size * random.uniform(-1, 1) for kind, size in most.items()}
         yield Hazard.parse("/".join(f"{kind}={size:.2f}@{Manner.START}" for kind, size in sizes.items()))
 
 
