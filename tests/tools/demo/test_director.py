@@ -3,8 +3,7 @@
 import pytest
 
 from appliance.limits import Limits
-from appliance.supervision.faults import FAULT_ROWS
-from appliance.types import State
+from appliance.types import Kind, State
 from drivers.errors import ConfigurationError
 from drivers.twins.faults import SLIDE_MM
 from drivers.twins.scene.world import World
@@ -39,11 +38,12 @@ def test_chosen_faults_come_in_time_order_and_fit_into_the_time_given() -> None:
 
 
 def test_every_fault_has_its_class_and_its_states() -> None:
+    last = {Kind.CALIBRATION: State.HALT, Kind.DEVICE: State.DEVICE_LOST}
     for fault, fault_class in FAULT_CLASS.items():
         injection = Injection(fault, 20.0, 24.0)
         assert injection.fault_class == fault_class
-        assert injection.states == tuple(step.state for step in FAULT_ROWS[fault_class].policy.steps if not step.by)
-    assert [one for one in FAULT_CLASS if Injection(one, 20.0, 24.0).states[-1] is REQUESTED] == ["depth"]
+        more = [REQUESTED] if fault == "depth" else []
+        assert [*injection.states] == [State.WARNING, last[fault_class.kind], *more]
 
 
 def test_the_simulated_slide_is_one_that_motion_recovers() -> None:
