@@ -72,8 +72,8 @@ class Injection:
 
     @property
     def states(self) -> tuple[State, ...]:
-        """States it has to lead to, in order. Steps that only some of its checks lead to are none of them: the simulated
-        slide is one in the picture's plane; 3 mm of it are across, within the limit.
+        """States it has to lead to, in order. Not those that only some of its checks lead to: the simulated slide is in
+        the picture's plane; 3 mm of it are across, within the limit.
         """
         return tuple(step.state for step in FAULT_ROWS[self.fault_class].policy.steps if not step.by)
 
