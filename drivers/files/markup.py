@@ -39,11 +39,11 @@ class NotUtf8Error(ValueError):
 
 def text_of(data: bytes) -> str:
     """Decodes UTF-8 and drops the byte order mark that Windows editors write. Raises NotUtf8Error."""
+    if data[:2] in (b"\xff\xfe", b"\xfe\xff") or b"\0" in data[:2]:
+        raise NotUtf8Error("is UTF-16 text, not UTF-8")
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
-            raise NotUtf8Error("is UTF-16 text, not UTF-8") from None
         line = data.count(b"\n", 0, error.start) + 1
         raise NotUtf8Error(f"is not UTF-8 text: line {line} has the byte 0x{data[error.start]:02x}") from None
 
@@ -65,7 +65,7 @@ def xml_of(data: bytes) -> ET.Element:
     device set has, or a document type. That is reported by the parser, so in whatever encoding; with it go all
     entities.
     """
-    if not _ENCODING.match(data):
+    if not _ENCODING.match(data) and b"\0" not in data[:2]:  # the parser knows UTF-16 by its zeros
         text_of(data)
     parser = ET.XMLParser(target=_Builder())
     try:

@@ -19,6 +19,7 @@ import numpy as np
 from drivers.errors import RecordingError
 from drivers.files.markup import NotUtf8Error, text_of
 from drivers.files.regular_file import read_bounded, reading
+from drivers.recordings.foreign import refuse_known
 from drivers.recordings.metaimage import MAX_PIXELS, MAX_STAMP_S, unreadable
 from drivers.rigid import pose_matrix
 from drivers.samples import GreyImage, Matrix4, PoseStatus
@@ -39,6 +40,8 @@ _OTHER_SEPARATORS = {";": "semicolons", "\t": "tabs", "|": "bars", " ": "spaces"
 _NUMBER = re.compile(r"[-+0-9.eE]+")
 _MOST_NAMES = 16
 """Most columns that are listed: those of a transform and some beside it. More fills the screen; less hides columns."""
+_MOST_LACKING = 2
+"""Columns that a table lacks and is still reported as one with misspelt headings; with more all headings are listed."""
 _SHORTEST, _LONGEST = 0.9, 1.1
 """Length of a quaternion that was rounded; others are no rotation, but columns in another order."""
 
@@ -130,22 +133,31 @@ class PoseTable:
     def __init__(self, path: Path) -> None:
         self.path = path
         try:
-            text = text_of(read_bounded(path, _MOST_TABLE_BYTES))
+            data = read_bounded(path, _MOST_TABLE_BYTES)
         except OSError as error:
             raise unreadable(path, error) from error
-        except NotUtf8Error as error:
-            raise RecordingError(str(error), str(path), "Save the table as CSV in UTF-8") from None
-        rows = csv.DictReader(io.StringIO(text, newline=""))
         try:
-            self._rows = list(rows)
-        except csv.Error as error:
-            raise RecordingError(f"is not CSV ({error})", str(path), "Save the table as CSV") from None
-        names = [name.strip() for name in rows.fieldnames or ()]
-        self._rows = [{str(key).strip(): value for key, value in row.items()} for row in self._rows]
+            text = text_of(data)
+        except NotUtf8Error as error:
+            refuse_known(data, path, "a table of poses (CSV)")
+            raise RecordingError(str(error), str(path), "Save the table as CSV in UTF-8") from None
+        names, rows = _table_rows(text, path)
         self._columns = next((one for one in (_MATRIX, _QUATERNION) if set(one) <= set(names)), ())
         if "t_s" not in names or not self._columns:
+            refuse_known(data, path, "a table of poses (CSV)")
             what, remedy = _no_table(names)
             raise RecordingError(what, str(path), remedy)
+        read = ("t_s", *self._columns, "status", "sequence")
+        if twice := [name for name in read if names.count(name) > 1]:
+            raise RecordingError(f"has the column {twice[0]} twice", str(path), "Leave the wrong one out")
+        for line, cells in rows:
+            if len(cells) > len(names):
+                what = f"line {line} has {len(cells)} values, and there are {len(names)} headings"
+                raise RecordingError(what, str(path), "Write numbers with points, and texts with commas in quotes")
+        if not rows:
+            raise RecordingError("has headings and no line of values", str(path), "Is it cut? Export it again")
+        self._lines = [line for line, _ in rows]
+        self._rows = [dict(zip(names, cells, strict=False)) for _, cells in rows]
 
     def __len__(self) -> int:
         return len(self._rows)
@@ -181,14 +193,39 @@ class PoseTable:
         return iter(())
 
     def _number(self, index: int, column: str) -> float:
+        text = self._rows[index].get(column)
+        if text is None:
+            remedy = "The table is cut, or this line is: copy it again"
+            raise RecordingError(f"line {self._lines[index]} ends before {column}", str(self.path), remedy)
+        if not text.strip():
+            remedy = "Where the tracker saw nothing leave the line out, or say why in a column status"
+            raise RecordingError(f"line {self._lines[index]}, {column} is empty", str(self.path), remedy)
         try:
-            return float(self._rows[index][column] or "")
-        except (TypeError, ValueError):
+            return float(text)
+        except ValueError:
             raise self._refused(index, column, "is not a number") from None
 
     def _refused(self, index: int, column: str, what: str) -> RecordingError:
-        said = str(self._rows[index].get(column))[:40]
-        return RecordingError(f"line {index + 2}, {column} {said!r} {what}", str(self.path), "Mend this line")
+        said = self._rows[index].get(column, "")[:40]
+        remedy = "Give seconds as numbers, such as 0.033" if column == "t_s" else "Mend this line"
+        return RecordingError(f"line {self._lines[index]}, {column} {said!r} {what}", str(self.path), remedy)
+
+
+def _table_rows(text: str, path: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
+    """(headings, (number of the line, its values) of each line that has any). Raises RecordingError."""
+    reader = csv.reader(io.StringIO(text, newline=""))
+    names, rows = list[str](), list[tuple[int, list[str]]]()
+    try:
+        for cells in reader:
+            if not any(cell.strip() for cell in cells):  # spreadsheets write lines of commas below the table
+                continue
+            if names:
+                rows.append((reader.line_num, cells))
+            else:
+                names = [cell.strip().lower() for cell in cells]
+    except csv.Error as error:
+        raise RecordingError(f"is not CSV ({error})", str(path), "Save the table as CSV") from None
+    return names, rows
 
 
 def _no_table(names: list[str]) -> tuple[str, str]:
@@ -196,12 +233,26 @@ def _no_table(names: list[str]) -> tuple[str, str]:
     wanted = "t_s and m00 … m23, or t_s, x_mm, y_mm, z_mm, qw, qx, qy, qz"
     if not any(names):
         return "is empty", "Copy it again"
-    if len(names) == 1 and (found := next((mark for mark in _OTHER_SEPARATORS if mark in names[0]), None)):
+    is_comment = names[0].startswith("#")
+    if (
+        not is_comment
+        and len(names) == 1
+        and (found := next((mark for mark in _OTHER_SEPARATORS if mark in names[0]), None))
+    ):
         return f"separates its columns by {_OTHER_SEPARATORS[found]}", "Save it with commas, and with points in numbers"
-    if all(_NUMBER.fullmatch(name) for name in names):
+    if is_comment or names[0].startswith("sep="):  # Excel's own first line
+        return f"begins with the line {names[0][:40]!r} and not with a line of headings", "Take that line out"
+    if _NUMBER.fullmatch(names[0]):
         return "begins with numbers and not with a line of headings", f"Write one above: {wanted}"
+    lacking = min((_lacking(names, one) for one in (_MATRIX, _QUATERNION)), key=len)
+    if len(lacking) <= _MOST_LACKING:
+        return f"lacks the column {' and '.join(lacking)}", f"Name its columns {wanted}"
     said = ", ".join(names[:_MOST_NAMES]) + (", …" if len(names) > _MOST_NAMES else "")
     return f"has the columns {said}", f"Name them {wanted}; docs/black-box.md tells what they mean"
+
+
+def _lacking(names: list[str], columns: tuple[str, ...]) -> list[str]:
+    return [name for name in ("t_s", *columns) if name not in names]
 
 
 def write_poses(path: Path, rows: Iterator[Mapping[str, object]]) -> None:

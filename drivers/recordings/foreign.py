@@ -11,7 +11,8 @@ _PICTURE = "Give the whole sequence with its poses, as PLUS records it (.igs.mha
 _VOLUME = "It has neither times nor poses: give the sequence from which it was made"
 _REPLAY = "Play it back while PLUS records pictures and poses into .igs.mha"
 _BLACK_BOX = "A black box: probewatch replay FILE, or probewatch export it to .igs.mha; a ROS bag: play it into PLUS"
-_UNPACK = "Unpack it, and give the .igs.mha or .mhd that is in it"
+_UNPACK = "Unpack it, and give the .igs.mha or .mhd that is in it; save a spreadsheet of poses as CSV"
+_AS_CSV = "Save its table of poses as CSV (docs/black-box.md has the columns)"
 
 _KINDS = (
     (0, b"#ROSBAG", "a ROS bag", _REPLAY),
@@ -30,12 +31,19 @@ _KINDS = (
     (0, b"II*\x00", "a TIFF picture", _PICTURE),
     (0, b"MM\x00*", "a TIFF picture", _PICTURE),
     (0, b"<", "an XML file", "Give a device set as --calibration, and here the recording (.igs.mha or .mhd)"),
-    (0, b"PK\x03\x04", "a ZIP archive", _UNPACK),
+    (0, b"PK\x03\x04", "a ZIP archive or a spreadsheet (XLSX)", _UNPACK),
+    (0, b"\xd0\xcf\x11\xe0", "an Office file (XLS)", _AS_CSV),
     (0, b"\x1f\x8b", "a gzip archive", _UNPACK),
     (0, b"7z\xbc\xaf", "a 7z archive", _UNPACK),
 )
 """(offset, first bytes by the format's own definition, what it is, what to do). One row more recognises one more
 file."""
+_EDITED = (
+    (b"\xff\xfe", "UTF-16 text"),
+    (b"\xfe\xff", "UTF-16 text"),
+    (b"\xef\xbb\xbfNRRD", "an NRRD file behind a byte order mark"),
+)
+"""(first bytes, what it is) of sequences that an editor of texts has saved anew, so that their pictures are damaged."""
 
 
 def refuse_foreign(head: bytes, path: Path) -> None:
@@ -44,10 +52,22 @@ def refuse_foreign(head: bytes, path: Path) -> None:
     """
     if not head:
         raise RecordingError("is empty", str(path), "Copy it again")
-    for offset, magic, kind, way in _KINDS:
-        if head[offset:].startswith(magic):
-            raise RecordingError(f"is {kind}, not a PLUS sequence (.igs.mha or .mhd)", str(path), way)
+    for magic, kind in _EDITED:
+        if head.startswith(magic):
+            what = f"is {kind}: an editor has saved it anew"
+            raise RecordingError(what, str(path), "Give the file as it was recorded")
+    refuse_known(head, path, "a PLUS sequence (.igs.mha or .mhd)")
     first = head.lstrip().partition(b"\n")[0]
     if b"=" not in first:
+        if b"t_s" in first:
+            what = "begins as a table of poses, and its name does not end in .csv"
+            raise RecordingError(what, str(path), "Save it with commas as .csv, and give it with --poses")
         what = f"is no PLUS sequence: its first line {first[:40].decode('utf-8', 'replace')!r} is not 'key = value'"
         raise RecordingError(what, str(path), "Give a PLUS or 3D Slicer sequence, a film with --poses, or a black box")
+
+
+def refuse_known(head: bytes, path: Path, wanted: str) -> None:
+    """Raises RecordingError for a kind that is known, and is not what is wanted."""
+    for offset, magic, kind, way in _KINDS:
+        if head[offset:].startswith(magic):
+            raise RecordingError(f"is {kind}, not {wanted}", str(path), way)

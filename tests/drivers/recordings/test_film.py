@@ -98,7 +98,12 @@ def test_quaternions_are_poses_too(tmp_path: Path) -> None:
         (",".join(POSE_COLUMNS) + "\nnoon" + ",0" * 14 + "\n", "line 2, t_s 'noon' is not a number"),
         (",".join(POSE_COLUMNS) + "\n0,1,ok,x" + ",0" * 11 + "\n", "line 2, m00 'x' is not a number"),
         (",".join(POSE_COLUMNS) + "\n1e300,1,ok" + ",0" * 12 + "\n", "not a time"),
-        (",".join(POSE_COLUMNS) + "\n0,1\n", "m00 'None' is not a number"),
+        (",".join(POSE_COLUMNS) + "\n0,1\n", "line 2 ends before m00"),
+        (",".join(POSE_COLUMNS) + "\n\n\n0,1,ok,," + ",0" * 10 + "\n", "line 4, m00 is empty"),
+        (",".join(POSE_COLUMNS) + "\n0,1,ok" + ",0" * 13 + "\n", "line 2 has 16 values, and there are 15 headings"),
+        ("t_s," + ",".join(POSE_COLUMNS) + "\n" + ",0" * 15 + "\n", "has the column t_s twice"),
+        (",".join(POSE_COLUMNS) + "\n", "has headings and no line of values"),
+        (",".join(POSE_COLUMNS).replace("m11", "q11") + "\n" + ",0" * 14 + "\n", "lacks the column m11"),
     ],
 )
 def test_a_table_that_is_none_is_refused_by_line_and_column(tmp_path: Path, text: str, what: str) -> None:
@@ -152,6 +157,11 @@ def test_a_film_of_more_pixels_than_any_scanner_has_is_refused_before_one_is_rea
         ("t_s;x_mm;y_mm;z_mm;qw;qx;qy;qz\n0;1;2;3;1;0;0;0\n", "by semicolons", "commas"),
         ("t_s\tx_mm\ty_mm\tz_mm\tqw\tqx\tqy\tqz\n", "by tabs", "commas"),
         ("0.1,1,2,3,1,0,0,-1e-3\n0.2,1,2,3,1,0,0,0\n", "not with a line of headings", "t_s, x_mm"),
+        ("0.1,ok,1,2,3,1,0,0,0\n0.2,ok,1,2,3,1,0,0,0\n", "not with a line of headings", "t_s, x_mm"),
+        ("sep=,\nt_s,x_mm,y_mm,z_mm,qw,qx,qy,qz\n", "the line 'sep='", "Take that line out"),
+        ("# by hand, mm\nt_s,x_mm,y_mm,z_mm,qw,qx,qy,qz\n", "the line '# by hand'", "Take that line out"),
+        ("sep=;\nt_s;x_mm\n", "by semicolons", "commas"),
+        ("PK\x03\x04\n", "a spreadsheet (XLSX)", "as CSV"),
         ("time,x,y,z,qw,qx,qy,qz\n0,1,2,3,1,0,0,0\n", "has the columns time, x, y, z, qw, qx, qy, qz", "Name them t_s"),
     ],
 )
@@ -180,3 +190,26 @@ def test_a_list_of_films_shows_no_file_that_lies_elsewhere(tmp_path: Path, name:
     (tmp_path / name).write_text(text)
     with pytest.raises(RecordingError, match="is a list of other files"):
         Film(tmp_path / name)
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-16-be"])
+def test_a_table_in_utf_16_is_told_as_that(tmp_path: Path, encoding: str) -> None:
+    table = tmp_path / "poses.csv"
+    table.write_bytes("t_s,x_mm,y_mm,z_mm,qw,qx,qy,qz\n0,1,2,3,1,0,0,0\n".encode(encoding))
+    with pytest.raises(RecordingError, match="is UTF-16 text, not UTF-8"):
+        PoseTable(table)
+
+
+def test_headings_in_capitals_and_empty_lines_of_a_spreadsheet_are_read(tmp_path: Path) -> None:
+    table = tmp_path / "poses.csv"
+    table.write_text("T_s,X_mm,Y_mm,Z_mm,Qw,Qx,Qy,Qz\n0,1,2,3,1,0,0,0\n,,,,,,,\n0.5,1,2,3,1,0,0,0\n,,,,,,,\n")
+    read = PoseTable(table)
+    assert [read.stamp_ns(index) for index in range(len(read))] == [0, 500_000_000]
+
+
+@pytest.mark.parametrize(("cell", "said"), [("2026-01-01T10:00", "Give seconds as numbers"), ("", "a column status")])
+def test_a_time_that_is_none_is_told_with_what_to_write(tmp_path: Path, cell: str, said: str) -> None:
+    table = tmp_path / "poses.csv"
+    table.write_text(f"t_s,x_mm,y_mm,z_mm,qw,qx,qy,qz\n{cell},1,2,3,1,0,0,0\n")
+    with pytest.raises(RecordingError, match=said):
+        PoseTable(table).stamp_ns(0)

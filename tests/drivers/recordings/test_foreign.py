@@ -20,6 +20,10 @@ from drivers.recordings.sequence import read_sequence
         (b"II*\x00" + bytes(20), "a TIFF picture"),
         (b"BM" + bytes(20), "a single picture (BMP)"),
         (b"GIF89a" + bytes(20), "a GIF"),
+        ("ObjectType = Image\n".encode("utf-16"), "is UTF-16 text: an editor has saved it anew"),
+        (b"\xef\xbb\xbfNRRD0004\n", "an NRRD file behind a byte order mark"),
+        (b"\xd0\xcf\x11\xe0" + bytes(20), "an Office file (XLS)"),
+        (b"t_s,x_mm,y_mm,z_mm,qw,qx,qy,qz\n", "its name does not end in .csv"),
         (bytes(400), "is not 'key = value'"),
     ],
 )
