@@ -250,6 +250,8 @@ def checked_header(
     general = known(general)
     channels = _integer(path, _CHANNELS, general.get(_CHANNELS, "1"))
     width, height, count = _dimensions(path, general)
+    if not count:
+        raise RecordingError("holds no frames", str(path), "Record again, or give another file")
     entries = _entries(path, frames, count)
     local = general["ElementDataFile"].upper() == "LOCAL"
     data_path = path if local else _beside(path, general["ElementDataFile"])
@@ -291,6 +293,9 @@ def _beside(path: Path, name: str) -> Path:
     """The file of the pictures, in the folder of the header: a header from elsewhere could name any file of
     this computer, whose bytes would be shown as pictures in a report that is passed on.
     """
+    if name.split()[:1] == ["LIST"] or "%" in name:
+        what = f"is {name[:60]!r}: a file for each picture"
+        raise _refusal(path, "ElementDataFile", what, "Store all pictures in one file, as PLUS does")
     key, remedy = "ElementDataFile", "Put the file with the pictures beside the header, and name it without a folder"
     if "/" in name or "\\" in name or name in ("", ".", ".."):
         raise _refusal(path, key, f"{name[:60]!r} is not the name of a file beside the header", remedy)
@@ -302,7 +307,9 @@ def _beside(path: Path, name: str) -> Path:
 
 def _dimensions(path: Path, general: dict[str, str]) -> tuple[int, int, int]:
     """(width, height, frames); a third spatial axis is accepted where it has one plane."""
-    text = general.get("DimSize", "")
+    if "DimSize" not in general:
+        raise _refusal(path, "DimSize", "is missing", "The header is cut or was edited; copy the file again")
+    text = general["DimSize"]
     sizes = [_integer(path, "DimSize", word) for word in text.split()]
     if len(sizes) == 4 and sizes[2] == 1:
         del sizes[2]
@@ -329,7 +336,7 @@ def _check_pictures(sequence: MetaImage, general: dict[str, str], orientation: s
         raise _refusal(sequence.path, _CHANNELS, what, grey)
     named = orientation or general.get(ORIENTATION, "")
     if named.upper() not in {two + three for two in FLIPS for three in ("", "A", "D")}:
-        what = f"{named!r} is not M or U, then F or N"
+        what = f"{named!r} is not M or U, then F or N" if named else "is missing"
         remedy = "State how the pictures are stored, for example MF, in the header or with --orientation"
         raise _refusal(sequence.path, ORIENTATION, what, remedy)
 

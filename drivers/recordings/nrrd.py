@@ -37,6 +37,7 @@ _COLOURS = {(size, kind) for size, kinds in (("3", "rgb-color"), ("4", "rgba-col
 _MOST_LINE_BYTES = 4_000_000
 """Length of a line of the header: 3D Slicer writes the times of all pictures in one line, eight hours at 20 Hz in so
 many."""
+_PLANAR_AXES = 3  # of SimpleITK: columns, rows, pictures
 _MOST_AXES = 4  # of PLUS and 3D Slicer: a third spatial axis of one plane
 
 
@@ -51,6 +52,7 @@ def read_nrrd(path: Path, orientation: str | None = None) -> MetaImage:
             what = f"encoding {encoding!r} is neither raw nor gzip"
             raise RecordingError(what, str(path), "Store it as that, in 3D Slicer or with PLUS")
         named = general.get("data file", general.get("datafile", "LOCAL"))
+        general = _with_list(general, len(frames))
         frames = frames or index_times(general, len(general.get("kinds", "").split()) - 1)
         return checked_header(path, _as_metaimage(path, general, encoding, named), frames, offset, orientation, _GZIP)
     except OSError as error:
@@ -87,6 +89,18 @@ def write_nrrd(
         with replacing(path) as stream:
             stream.write("\n".join([*head, *own, "\n"]).encode())
             shutil.copyfileobj(data, stream, BLOCK_BYTES)
+
+
+def _with_list(general: dict[str, str], count: int) -> dict[str, str]:
+    """The last axis is the list of pictures where it has as many as the header has frames; SimpleITK, which knows no
+    lists, writes a volume with the fields of the frames.
+    """
+    sizes = general.get("sizes", "").split()
+    kinds = general.get("kinds", "").lower().split() or ["domain"] * len(sizes)
+    own = kinds[1:] if (sizes[:1], kinds[:1]) in [([size], [kind]) for size, kind in _COLOURS] else kinds
+    if not count or sizes[-1:] != [str(count)] or len(own) != _PLANAR_AXES or set(own) - {"domain", "space"}:
+        return general
+    return {**general, "kinds": " ".join([*kinds[:-1], "list"])}
 
 
 def _as_metaimage(path: Path, general: dict[str, str], encoding: str, named: str) -> dict[str, str]:

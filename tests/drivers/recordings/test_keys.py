@@ -1,6 +1,5 @@
 """Sequences as other programs write them: names of fields, numbers of frames, colours, times of an axis."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -91,20 +90,12 @@ def as_itk(colours: np.ndarray, path: Path) -> None:
     sitk.WriteImage(volume, str(path))
 
 
-def as_nrrd(colours: np.ndarray, path: Path) -> None:
-    """The same file with the kind of its last axis that a sequence has, which SimpleITK does not write."""
-    as_itk(colours, path)
-    path.write_bytes(path.read_bytes().replace(b"domain domain domain", b"domain domain list"))
-
-
 @pytest.mark.parametrize("channels", [3, 4])
-@pytest.mark.parametrize(("name", "write"), [("rgb.mha", as_itk), ("rgb.nrrd", as_nrrd)])
-def test_colour_is_made_grey(
-    tmp_path: Path, name: str, write: Callable[[np.ndarray, Path], None], channels: int
-) -> None:
-    """As written by SimpleITK."""
+@pytest.mark.parametrize("name", ["rgb.mha", "rgb.nrrd"])
+def test_colour_is_made_grey(tmp_path: Path, name: str, channels: int) -> None:
+    """As written by SimpleITK, which calls the pictures of a sequence a third axis of space."""
     colours = np.random.default_rng(3).integers(0, 256, (3, *SIZE_PX[::-1], channels), np.uint8)
-    write(colours, tmp_path / name)
+    as_itk(colours, tmp_path / name)
     for grey, colour in zip(read_sequence(tmp_path / name).pictures(), colours, strict=True):
         np.testing.assert_allclose(grey, luma(colour), atol=0.6)
 

@@ -62,15 +62,13 @@ def test_simpleitk_reads_equal_pixels_stamps_and_transforms(write, tmp_path: Pat
 def test_what_simpleitk_wrote_is_read(tmp_path: Path) -> None:
     """Another writer's header: other names for the same, raw and compressed."""
     volume = sitk.GetImageFromArray(np.stack([picture(k) for k in range(3)]))
-    for key, value in (("kinds", "domain domain list"), ("UltrasoundImageOrientation", "MF")):
-        volume.SetMetaData(key, value)
+    volume.SetMetaData("UltrasoundImageOrientation", "MF")
     for index in range(3):
         volume.SetMetaData(f"Seq_Frame{index:04d}_Timestamp", f"{index / 10}")
     for compressed in (False, True):
         path = tmp_path / f"{compressed}.nrrd"
         sitk.WriteImage(volume, str(path), compressed)
-        text = path.read_bytes().replace(b"kinds: domain domain domain", b"kinds: domain domain list")
-        path.write_bytes(text)
+        assert b"\nkinds: domain domain domain\n" in path.read_bytes(), "no list, which it does not know"
         sequence = read_sequence(path)
         for index, image in enumerate(sequence.pictures()):
             np.testing.assert_array_equal(image, picture(index))
