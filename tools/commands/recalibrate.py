@@ -10,6 +10,7 @@ from pathlib import Path
 
 import click
 import numpy as np
+from click.core import ParameterSource
 from rich.console import Console
 
 from appliance.configuration.config import Config, load_config
@@ -37,9 +38,10 @@ from appliance.storage.reference import candidate_from_content, in_force
 from appliance.types import Calibration
 from drivers.errors import ConfigurationError
 from drivers.files.atomic_file import check_replaceable, check_writable, make_folder
-from tools.recalibration.paperwork import Begin, Signature
+from tools.recalibration.paperwork import Begin, Signature, signed
+from tools.recalibration.paperwork import sign_off as signed_by_both
 from tools.recalibration.session import ScanSession
-from tools.recalibration.terminal import run
+from tools.recalibration.terminal import run, words
 from tools.shared.calendar_option import DAY
 from tools.shared.crosswire_input import ScanInput, recorded, simulated, simulated_reference
 from tools.shared.crosswire_whole import WholeOptions, solve_all, sound
@@ -56,6 +58,29 @@ _LOOK_S = 0.2
 """Between two questions to the service during a live scan: four of its ticks."""
 _FOLDER = "calibrations"
 """Of the alarm log's folder: the package lets members of the group write there."""
+_RECORDED_ALONE = (
+    "--calibration",
+    "--output",
+    "--force",
+    "--reference",
+    "--orientation",
+    "--latency-ms",
+    "--seed",
+    "--duration",
+    "--strike",
+    "--review",
+    "--estimate",
+    "--check",
+    "--check-point",
+    "--face-row",
+    "--sigma-mm",
+    "--yes",
+    "--wait",
+)
+_LIVE_ALONE = ("--latency-first", "--unchecked", "--feed", "--folder")
+_SIMULATED_ALONE = ("--seed", "--duration")
+_RECORDING_ALONE = ("--reference", "--orientation")
+_NOBODY = "nothing was begun: nobody can be asked here. Give --probe, --preset, --made-by, --signed-by and --role"
 _COMPONENTS = ("offset lateral", "offset axial", "ζ (elevational)")
 
 _HELP = """Scan a cross-wire, solve ζ, write a new calibration, and let the service verify it.
@@ -207,31 +232,27 @@ def command(
     yes: bool,
     wait_s: float,
 ) -> None:
+    _refuse_options(live, simulate, recording, solve, signed_by, latency_first)
     if live:
-        if simulate or recording is not None:
-            raise click.UsageError("--live scans on the cart itself; leave --simulated and --recording out")
-        if signed_by and latency_first:
-            raise click.UsageError("--latency-first needs a person at the terminal; leave --signed-by out")
-        service = _live_service(config_file, socket, feed, folder)
-        asked = "" if signed_by else "yes"
-        with stopped_saying("nothing was begun"):
-            begin = Begin(
-                probe or probe_serial or (asked and click.prompt("probe")),
-                preset or (asked and click.prompt("depth or preset of the scanner")),
-                made_by or (asked and click.prompt("your name")) or user(),
-                reason,
-                "zeta" if solve == "zeta" else "whole",
-                water_c,
-                scanner_m_s,
-                correct_sound,
-                latency_first,
-            )
+        chosen = Begin(
+            probe or probe_serial,
+            preset,
+            made_by or (user() if signed_by else ""),
+            reason,
+            "zeta" if solve == "zeta" else "whole",
+            water_c,
+            scanner_m_s,
+            correct_sound,
+            latency_first,
+            _day(due),
+            _day(expires),
+        )
         nobody = unchecked or "nobody was asked (--signed-by)"
         signature = Signature(signed_by, role, comment, unchecked=nobody) if signed_by else None
-        _live(service, begin, signature)
+        _refuse_signed(chosen, signature)
+        service = _live_service(config_file, socket, feed, folder)
+        _live(service, chosen if signature else _asked(chosen), signature)
         return
-    if simulate == (recording is not None):
-        raise click.UsageError("give the scan: --live, or either --recording FILE or --simulated")
     sign_off = SignOff(
         made_by or user(), signed_by, role, comment, reason, probe_serial, preset, _day(due), _day(expires)
     )
@@ -278,6 +299,55 @@ def command(
             if client is not None:
                 _hand_over(client, target, yes)
         _conclude(client, socket, target, wait_s)
+
+
+def _refuse_without_effect(options: tuple[str, ...], scan: str) -> None:
+    """What was typed, and would change nothing of this kind of scan. Raises UsageError."""
+    context = click.get_current_context()
+    typed = {one.name: one.opts[0] for one in context.command.params if isinstance(one, click.Option)}
+    for name, option in typed.items():
+        if option in options and context.get_parameter_source(name or "") is ParameterSource.COMMANDLINE:
+            raise click.UsageError(f"{option} has no effect with {scan}; leave it out")
+
+
+def _refuse_options(
+    live: bool, simulate: bool, recording: Path | None, solve: str, signed_by: str, latency_first: bool
+) -> None:
+    """Options that go with no or with another kind of scan. Raises UsageError."""
+    if live:
+        if simulate or recording is not None:
+            raise click.UsageError("--live scans on the cart itself; leave --simulated and --recording out")
+        if signed_by and latency_first:
+            raise click.UsageError("--latency-first needs a person at the terminal; leave --signed-by out")
+        if solve == "offset":
+            raise click.UsageError("--solve offset needs a recorded scan; --live solves zeta or all")
+        _refuse_without_effect(_RECORDED_ALONE, "--live")
+        return
+    if simulate == (recording is not None):
+        raise click.UsageError("give the scan: --live, or either --recording FILE or --simulated")
+    scan = "--simulated" if simulate else "--recording"
+    _refuse_without_effect((*_LIVE_ALONE, *(_RECORDING_ALONE if simulate else _SIMULATED_ALONE)), scan)
+
+
+def _refuse_signed(chosen: Begin, signature: Signature | None) -> None:
+    """What would be refused once the scan is complete, before it begins. Raises ProbewatchError, UsageError."""
+    if signature is None:
+        SignOff(chosen.technician, due=chosen.due, expires=chosen.expires).check()
+        return
+    if not (chosen.probe.strip() and chosen.preset.strip()):
+        raise click.UsageError("--signed-by asks nobody: give --probe and --preset, too")
+    signed_by_both(chosen, signed(signature)).check()
+
+
+def _asked(chosen: Begin) -> Begin:
+    """With what a person at the terminal adds. Raises click.Abort."""
+    with stopped_saying("nothing was begun" if sys.stdin.isatty() else _NOBODY):
+        return replace(
+            chosen,
+            probe=chosen.probe or words("probe"),
+            preset=chosen.preset or words("depth or preset of the scanner"),
+            technician=chosen.technician or words("your name"),
+        )
 
 
 def _day(moment: datetime | None) -> date | None:

@@ -1,7 +1,7 @@
 """What people state before and after a live scan, and the calibration file that carries it."""
 
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
+from datetime import UTC, date, datetime
 from pathlib import Path
 
 from appliance.crosswire.water import SCANNER_M_S
@@ -21,7 +21,7 @@ LONGEST_WORDS = 200
 @dataclass(frozen=True, slots=True)
 class Begin:
     """What a person chose. wanted: whole, or zeta alone. technician: who scans. water_c, scanner_m_s, correct_sound: of
-    `Sound`. latency: how late the tracker is, is measured first.
+    `Sound`. latency: how late the tracker is, is measured first. due, expires: of `SignOff`.
     """
 
     probe: str
@@ -33,6 +33,8 @@ class Begin:
     scanner_m_s: float = SCANNER_M_S
     correct_sound: bool = False
     latency: bool = False
+    due: date | None = None
+    expires: date | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,6 +116,8 @@ def sign_off(begin: Begin, signature: Signature) -> SignOff:
         reason=begin.reason,
         probe_serial=begin.probe,
         preset=begin.preset,
+        due=begin.due,
+        expires=begin.expires,
     )
 
 

@@ -51,6 +51,20 @@ def run(session: ScanSession, begin: Begin, signature: Signature | None) -> None
         raise
 
 
+def words(question: str) -> str:
+    """What a person types; asked for again where that is nothing but spaces: what is refused later was typed in vain.
+
+    Raises click.Abort.
+    """
+    return str(click.prompt(question, value_proc=_not_blank))
+
+
+def _not_blank(text: str) -> str:
+    if not text.strip():
+        raise click.UsageError("type something other than spaces")
+    return text.strip()
+
+
 def picture(fields: Fields) -> RenderableType:
     """What the page shows of a scan, in lines."""
     scan = fields["scan"]
@@ -204,10 +218,10 @@ def _accepted(views: int) -> str:
 
 def _accept(session: ScanSession, check: Fields | None) -> None:
     session.require_complete()
-    name, role = _second_person(session), click.prompt("role")
+    name, role = _second_person(session), words("role")
     unchecked = ""
     if check is None or check["why"]:
-        unchecked = click.prompt("why is there no check at another point")
+        unchecked = words("why is there no check at another point")
     comment = click.prompt("comment", default="", show_default=False)
     try:
         session.accept(Signature(name, role, comment, unchecked=unchecked))
@@ -220,7 +234,7 @@ def _accept(session: ScanSession, check: Fields | None) -> None:
 def _second_person(session: ScanSession) -> str:
     """Asked for first, and again at once where it is the one who scanned: nothing is typed twice."""
     while True:
-        name = str(click.prompt("name of the second person"))
+        name = words("name of the second person")
         try:
             session.require_second(name)
         except ProbewatchError as error:
