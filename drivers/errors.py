@@ -73,4 +73,5 @@ def system_words(error: object) -> str:
     of_tls = type(error).__module__ == "ssl"  # without loading ssl, which few commands need
     number = 0 if of_tls else getattr(error, "errno", None) or 0
     said = os.strerror(number) if number > 0 else getattr(error, "strerror", None) or str(error)
+    said = said.partition(" (while attempting")[0]  # which Python adds to an address that is none
     return said[:1].lower() + said[1:]

@@ -7,7 +7,7 @@ import ssl
 
 import pytest
 
-from drivers.errors import system_words
+from drivers.errors import cannot_listen, system_words
 
 
 @pytest.mark.parametrize(
@@ -21,3 +21,12 @@ from drivers.errors import system_words
 )
 def test_an_error_is_told_in_its_own_words(error: OSError, said: str) -> None:
     assert said.lower() in system_words(error).lower()
+
+
+def test_an_address_that_is_none_is_told_once() -> None:
+    with pytest.raises(OSError) as failed:  # noqa: PT011  which one depends on the resolver
+        socket.create_server(("256.0.0.1", 0))
+    told = cannot_listen(failed.value, "--listen 256.0.0.1:0", "Choose another address")
+    assert "attempting" not in told.what
+    assert told.what.startswith("cannot listen there (")
+    assert told.what.count("(") == told.what.count(")") == 1

@@ -15,9 +15,11 @@ from tools.shared.named_cart import socket_option
 _FILE = click.Path(dir_okay=False, path_type=Path)
 
 
-def _topic(_context: click.Context, _option: click.Parameter, text: str | None) -> str:
+def _topic(_context: click.Context, option: click.Parameter, text: str | None) -> str:
     """Names that mean one level of a topic, or several; no wildcard, nothing empty."""
     name = socket.gethostname().partition(".")[0] if text is None else text
+    if not name and option.name != "discovery":
+        raise click.BadParameter("must not be empty")
     if name and not re.fullmatch(r"[\w-]+(/[\w-]+)*", name, re.ASCII):
         raise click.BadParameter("may have letters, digits, - and _")
     return name

@@ -101,7 +101,7 @@ class Page:
             Route("/request/{what}", self._request, methods=["POST"]),
             Route("/recalibration/{what}", self._recalibration, methods=["POST"]),
         ]
-        self.app = Guard(Starlette(routes=routes), parts.hosts)
+        self.app = Guard(Starlette(routes=routes, exception_handlers=BODY_HANDLERS), parts.hosts)
 
     async def _file(self, request: Request) -> Response:
         names = {"/": "status.html", "/recalibrate": "recalibrate.html"}
@@ -287,8 +287,10 @@ class Guard:
             return "this page is not called by that name; --host allows another"
         origin = headers.get("origin")
         if method == "POST" and not _is_own(origin, host):
-            told = "none" if origin is None else printable(origin, _NAMED)
-            compared = f"Origin {told}, Host {printable(host, _NAMED)}"
+            if origin is None:
+                what = f"the request comes from no page: Origin none, Host {printable(host, _NAMED)}"
+                return f"{what}; a browser sends Origin: http://{printable(host, _NAMED)}"
+            compared = f"Origin {printable(origin, _NAMED)}, Host {printable(host, _NAMED)}"
             return f"the request comes from another page: {compared}; a proxy must pass on Host as the browser sends it"
         return ""
 
@@ -322,18 +324,41 @@ def _address(request: Request) -> str:
 
 
 async def _body(request: Request) -> dict[str, Any]:
-    """Empty where it is not a JSON object, too long, or not whole in time."""
+    """Empty where there is none. Raises _BodyRefusedError where it is not a JSON object, too long, or not whole in
+    time.
+    """
     data = b""
     try:
         async with asyncio.timeout(_BODY_S):
             async for part in request.stream():
                 data += part
                 if len(data) > _MOST_BODY:
-                    return {}
-        body = json.loads(data)
-    except (ValueError, RecursionError, TimeoutError, ClientDisconnect):
-        return {}
-    return body if isinstance(body, dict) else {}
+                    raise _BodyRefusedError(f"the request has more than {_MOST_BODY} bytes", 413)
+        body = json.loads(data or b"{}")
+    except TimeoutError:
+        raise _BodyRefusedError(f"the request did not come whole within {_BODY_S:g} s", 408) from None
+    except (ValueError, RecursionError, ClientDisconnect):
+        body = None
+    if not isinstance(body, dict):
+        raise _BodyRefusedError('the request is no JSON object, such as {"index": 2}', 400)
+    return body
+
+
+class _BodyRefusedError(Exception):
+    """What a client sent, and the status of the answer."""
+
+    def __init__(self, why: str, status: int) -> None:
+        super().__init__(why)
+        self.why, self.status = why, status
+
+
+async def _body_refused(_: Request, error: Exception) -> Response:
+    assert isinstance(error, _BodyRefusedError)
+    return _refused(error.why, error.status)
+
+
+BODY_HANDLERS = {_BodyRefusedError: _body_refused}
+"""Of the application whose requests have bodies."""
 
 
 def _refused(why: str, status: int) -> JSONResponse:
@@ -360,7 +385,7 @@ def _begin(body: dict[str, Any]) -> Begin:
     probe, preset, technician, reason, wanted = (
         _text(body, name) for name in ("probe", "preset", "technician", "reason", "wanted")
     )
-    given = {field: _number(body, field) for field in ("water_c", "scanner_m_s") if body.get(field) is not None}
+    given: dict[str, Any] = {field: _number(body, field) for field in ("water_c", "scanner_m_s") if body.get(field) is not None}
     return Begin(
         probe,
         preset,

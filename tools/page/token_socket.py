@@ -13,7 +13,7 @@ from typing import Any, Self
 from appliance.service.control.rights import join_group
 from appliance.service.control.server import ControlRefused, ControlServer, Peer, Reply
 from appliance.service.host.unix_socket import Lines, connected
-from drivers.errors import DeviceLost
+from drivers.errors import ConfigurationError, DeviceLost
 from drivers.printable import printable
 
 _EVERY_S = 0.05
@@ -26,13 +26,13 @@ _MOST_BYTES = 4096
 
 class Door:
     """Serves `path` while the block runs. invite: makes (token, URL) for a user, as the kernel knows him. onlookers:
-    ids of users who get none.
+    ids of users who get none. Raises ConfigurationError, DeviceLost where it cannot.
     """
 
     def __init__(
         self, path: Path, group: str, invite: Callable[[str], tuple[str, str]], onlookers: frozenset[int] = frozenset()
     ) -> None:
-        self._server, self._invite, self._onlookers = ControlServer(path, group), invite, onlookers
+        self._server, self._invite, self._onlookers = _server(path, group), invite, onlookers
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._run, name="door", daemon=True)
 
@@ -56,6 +56,17 @@ class Door:
             raise ControlRefused(f"{_name(who.uid)} may look on alone (viewers of [control] and [feed])")
         token, url = self._invite(_name(who.uid))
         return {"token": token, "url": url}
+
+
+def _server(path: Path, group: str) -> ControlServer:
+    """Its refusals speak of a service and its configuration, which the door has nothing to do with."""
+    try:
+        return ControlServer(path, group)
+    except DeviceLost:
+        remedy = "End that page, or give this one another --door"
+        raise DeviceLost("another page is running here", f"--door {path}", remedy) from None
+    except ConfigurationError as error:
+        raise ConfigurationError(error.what, f"--door {path}", error.remedy) from None
 
 
 def invitation(path: Path) -> tuple[str, str]:

@@ -50,6 +50,10 @@ class Item:
         return asdict(self)
 
 
+_WHOLE_FROM = 100
+"""Digits behind the point of a larger value say nothing beside its limit."""
+
+
 def devices(status: Status) -> list[Item]:
     """Presence of each part, as the service's own watchers judge it; and what it says is lost."""
     items = []
@@ -57,7 +61,7 @@ def devices(status: Status) -> list[Item]:
         if check["verdict"] == "NOT_VERIFIED":
             continue
         good = check["verdict"] == "OK"
-        what = "within its limit" if good else f"{check['value']} {check['unit']}, limit {check['limit']}"
+        what = "within its limit" if good else _beyond(check)
         remedy = "" if good else "See probewatch status"
         if is_recovering(check):
             what, remedy = "was beyond its limit, and is within it again", "Wait some seconds, and test again"
@@ -66,13 +70,20 @@ def devices(status: Status) -> list[Item]:
     return items
 
 
+def _beyond(check: Status) -> str:
+    """Value and limit in figures that a person reads; a value that is not known is left out."""
+    value, limit = check["value"], check["limit"]
+    shown = "not known" if value is None else f"{value:.0f}" if abs(value) > _WHOLE_FROM else f"{value:.3g}"
+    return f"{shown} {check['unit']}".strip() + f", limit {limit:g}"
+
+
 def service(status: Status) -> list[Item]:
     """Its state, what it remembers, and how short of time it is."""
     state = status["state"]
     bad = state in (State.INTERNAL_FAULT.value, State.DEVICE_LOST.value, State.SELF_TEST.value)
     items = [Item("service", not bad, f"{state}, version {status['software']}", status["remedy"] if bad else "")]
     latched = status["latched"]
-    what = "none" if latched is None else f"{latched}, acknowledged: {status['acknowledged']}"
+    what = "none" if latched is None else f"{latched}, {'' if status['acknowledged'] else 'not '}acknowledged"
     items.append(Item("latched alarm", latched is None, what, "" if latched is None else "Mend the cause; acknowledge"))
     restarts = status["counters"]["estimator_restarts"]
     remedy = "" if restarts == 0 else "probewatch log, journalctl -u probewatch"

@@ -4,7 +4,6 @@ import hashlib
 import io
 import tomllib
 from dataclasses import replace
-from datetime import date
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +23,6 @@ from tests.support import stores
 from tests.support.answering import Answers
 from tests.support.answers import Answer, answered
 from tests.support.stores import configuration, log, settled
-from tools.recalibration.paperwork import Begin, Signature, sign_off
-from tools.recalibration.terminal import words
 
 pytestmark = [pytest.mark.thorough, pytest.mark.usefixtures("log")]
 __all__ = ["log"]
@@ -175,8 +172,10 @@ def test_a_device_set_is_recalibrated_too(tmp_path, scan) -> None:
 
 def test_a_simulated_scan_marks_its_calibration(tmp_path) -> None:
     new = tmp_path / "new.toml"
-    assert recalibrated("--simulated", "--duration", 11, "--output", new).returncode == 0
+    answer = recalibrated("--simulated", "--duration", 11, "--output", new)
+    assert answer.returncode == 0
     assert read_calibration(new).simulated
+    assert answer.stderr.startswith("looking at simulated world, seed 1: 880 pictures and poses\n"), "no bar in a pipe"
 
 
 class Scripted(Answers):
@@ -287,64 +286,3 @@ def test_a_service_that_is_not_there_is_told_before_anybody_is_asked(
 def test_a_folder_that_the_unit_cannot_see_is_refused_before_the_scan(tmp_path: Path) -> None:
     answer = answered("recalibrate", "--live", "--socket", "/run/probewatch/control", "--folder", tmp_path)
     assert (answer.returncode, "the service cannot see it" in answer.stderr) == (78, True), answer
-
-
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        (("--output", "new.toml"), "--output has no effect with --live"),
-        (("--sigma-mm", "0.2"), "--sigma-mm has no effect with --live"),
-        (("--check-point", "1", "2", "3"), "--check-point has no effect with --live"),
-        (("--solve", "offset"), "--live solves zeta or all"),
-        (("--signed-by", "B. Stone", "--role", "physicist"), "give --probe and --preset, too"),
-        (("--signed-by", "B. Stone", "--probe", "L12", "--preset", "4 cm"), "name and role of the second person"),
-        (("--signed-by", "B. Stone", "--role", " ", "--probe", "L12", "--preset", "4 cm"), "name and role"),
-        (
-            ("--made-by", "B. Stone", "--signed-by", "b. stone", "--role", "x", "--probe", "L12", "--preset", "4 cm"),
-            "made it and cannot sign it as well",
-        ),
-        (("--due", "2027-05-01", "--expires", "2027-04-01"), "before it is due"),
-    ],
-)
-def test_a_live_scan_that_could_not_be_signed_or_as_asked_is_refused_before_the_service_is(
-    tmp_path: Path, arguments: tuple[str, ...], said: str
-) -> None:
-    answer = answered("recalibrate", "--live", "--socket", tmp_path / "nobody", *arguments)
-    assert answer.returncode in (2, 75, 78), answer
-    assert said in " ".join(answer.stderr.split()), answer
-
-
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        (("--recording", "scan.igs.mha", "--seed", "3"), "--seed has no effect with --recording"),
-        (("--recording", "scan.igs.mha", "--latency-first"), "--latency-first has no effect with --recording"),
-        (("--simulated", "--orientation", "MF"), "--orientation has no effect with --simulated"),
-        (("--simulated", "--folder", "."), "--folder has no effect with --simulated"),
-    ],
-)
-def test_an_option_of_another_kind_of_scan_is_refused(arguments: tuple[str, ...], said: str) -> None:
-    answer = answered("recalibrate", *arguments)
-    assert (answer.returncode, said in " ".join(answer.stderr.split())) == (2, True), answer
-
-
-def test_a_live_scan_without_anybody_at_a_terminal_says_what_to_give(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("sys.stdin", io.StringIO())
-    with Scripted(tmp_path / "control", "monitoring") as service:
-        answer = answered("recalibrate", "--live", "--socket", service.path, "--folder", tmp_path)
-    assert (answer.returncode, "nobody can be asked here. Give --probe" in answer.stderr) == (130, True), answer
-
-
-def test_the_days_of_a_live_scan_stand_in_its_record() -> None:
-    begun = Begin("L12", "4 cm", "A. Smith", due=date(2027, 5, 1), expires=date(2028, 5, 1))
-    fields = sign_off(begun, Signature("B. Stone", "physicist")).fields()
-    assert (fields["due"], fields["expires"]) == ("2027-05-01", "2028-05-01")
-
-
-def test_a_blank_answer_of_a_person_is_asked_for_again(monkeypatch: pytest.MonkeyPatch, capsys) -> None:
-    """A role of spaces was refused after the comment, and everything was typed again."""
-    monkeypatch.setattr("sys.stdin", io.StringIO("  \n B. Stone \n"))
-    assert words("name of the second person") == "B. Stone"
-    assert "other than spaces" in capsys.readouterr().out

@@ -20,6 +20,7 @@ from paho.mqtt.enums import CallbackAPIVersion
 
 from drivers.errors import ConfigurationError
 from tests.support.answering import Answering, recorded
+from tests.support.answers import answered
 from tests.support.demo_cart import PROBEWATCH
 from tests.support.polling import until
 from tools.monitoring.mqtt import Broker, Publisher, broker_of, message
@@ -416,3 +417,9 @@ def test_verified_is_what_the_outputs_have_written() -> None:
     assert message(status)["verified"] is True
     status["outputs"][0]["energised"] = None
     assert message(status)["verified"] is False
+
+
+@pytest.mark.parametrize("option", ["--cart", "--prefix"])
+def test_a_name_that_is_empty_makes_no_topic(option: str) -> None:
+    answer = answered("mqtt", "--broker", "mqtt://127.0.0.1", option, "")
+    assert (answer.returncode, f"'{option}': must not be empty" in answer.stderr) == (2, True), answer

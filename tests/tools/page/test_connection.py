@@ -80,7 +80,7 @@ def served(listener: socket.socket, monkeypatch: pytest.MonkeyPatch) -> Iterator
         Route("/endless", _endless),
         Route("/body", _body, methods=["POST"]),
     ]
-    app, kind = Starlette(routes=routes), connection.Connection
+    app, kind = Starlette(routes=routes, exception_handlers=server.BODY_HANDLERS), connection.Connection
     config = uvicorn.Config(app, http=kind, lifespan="off", log_config=None, timeout_graceful_shutdown=1)
     served = uvicorn.Server(config)
     thread = threading.Thread(target=served.run, kwargs={"sockets": [listener]})
@@ -134,10 +134,35 @@ def test_who_has_asked_waits_for_the_answer_and_may_ask_again(address: Address) 
         assert until_the_end(link) == b"", "the deadline begins anew after each answer"
 
 
-def test_a_body_that_does_not_come_is_none(address: Address) -> None:
+def test_a_body_that_does_not_come_is_refused_as_that(address: Address) -> None:
     with socket.create_connection(address) as link:
         link.sendall(POST)
-        assert until_the_end(link).endswith(b"{}")
+        said = until_the_end(link)
+    assert said.startswith(b"HTTP/1.1 408 ")
+    assert b"did not come whole within 0.25 s" in said
+
+
+@pytest.mark.parametrize(
+    ("body", "status", "why"),
+    [
+        (b'{"token": ', b"400", b"is no JSON object"),
+        (b"[1, 2]", b"400", b"is no JSON object"),
+        (b"\xff\xfe{", b"400", b"is no JSON object"),
+        (b" " * 9000 + b"{}", b"413", b"has more than 8192 bytes"),
+        (b"", b"200", b"{}"),
+        (b'{"index": 2}', b"200", b"{'index': 2}"),
+    ],
+)
+def test_a_body_that_cannot_be_taken_is_told_by_what_is_wrong(
+    address: Address, body: bytes, status: bytes, why: bytes
+) -> None:
+    """A cut request was told as a wrong token."""
+    head = b"POST /body HTTP/1.1\r\nHost: x\r\nConnection: close\r\nContent-Length: %d\r\n\r\n" % len(body)
+    with socket.create_connection(address) as link:
+        link.sendall(head + body)
+        said = until_the_end(link)
+    assert said.startswith(b"HTTP/1.1 " + status)
+    assert why in said
 
 
 def test_who_takes_nothing_loses_the_place(served: uvicorn.Server, address: Address) -> None:

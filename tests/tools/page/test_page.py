@@ -218,16 +218,16 @@ def test_a_token_opens_what_changes_something_and_a_refusal_is_told(web: WebPage
     assert answer.status == 409
     assert "only the status is answered here" in answer.json["error"]
     assert answering.asked["begin-recalibration"]
-    for body in (
-        b"",
-        b"[",
-        b"[]",
-        b"\xff",
-        b"{" * 9000,
-        {"probe": 1},
-        {"probe": " ", "preset": "d", "technician": "t"},
+    for body, status in (
+        (b"", 409),
+        (b"[", 400),
+        (b"[]", 400),
+        (b"\xff", 400),
+        (b"{" * 9000, 413),
+        ({"probe": 1}, 409),
+        ({"probe": " ", "preset": "d", "technician": "t"}, 409),
     ):
-        assert asked(web, "POST", "/recalibration/begin", body, **key).status == 409
+        assert asked(web, "POST", "/recalibration/begin", body, **key).status == status
     assert asked(web, "POST", "/recalibration/strike", {"index": "x"}, **key).status == 409
     assert asked(web, "POST", "/recalibration/nothing", {}, **key).status == 404
     assert asked(web, "POST", "/recalibration/begin", begin, Cookie="probewatch=guessed").status == 403

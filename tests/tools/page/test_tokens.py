@@ -2,8 +2,12 @@
 
 from pathlib import Path
 
+import pytest
+
+from drivers.errors import ConfigurationError, DeviceLost
 from tests.support.answers import answered
 from tools.commands.page import _how_to_ask
+from tools.page.token_socket import Door
 from tools.page.tokens import TOKEN_S, Tokens
 
 HOUR_S = 3600.0
@@ -72,3 +76,20 @@ def test_whoever_starts_a_page_is_told_how_to_get_a_token_of_it(tmp_path: Path) 
     assert shown.returncode == 69
     assert "no page answers (No such file or directory). Start it: " in shown.stderr
     assert f"probewatch page --door {tmp_path / 'door'}" in shown.stderr
+
+
+def test_a_door_that_another_page_serves_is_told_as_that(tmp_path: Path) -> None:
+    """It said that another service runs, and to stop that: the contact would have opened."""
+    path = tmp_path / "door"
+    with Door(path, "", lambda _: ("", "")), pytest.raises(DeviceLost) as told:
+        Door(path, "", lambda _: ("", ""))
+    assert (
+        str(told.value)
+        == f"--door {path}: another page is running here. End that page, or give this one another --door"
+    )
+
+
+def test_a_door_that_cannot_be_made_is_named_by_its_option(tmp_path: Path) -> None:
+    with pytest.raises(ConfigurationError) as told:
+        Door(tmp_path / "gone" / "door", "", lambda _: ("", ""))
+    assert told.value.where == f"--door {tmp_path}/gone/door"

@@ -118,4 +118,17 @@ def test_a_part_that_is_within_its_limit_again_is_red_and_says_why() -> None:
     assert (one.green, one.remedy) == (False, "Wait some seconds, and test again")
     assert "was beyond its limit, and is within it again" in one.what
     (one,) = items.devices({**recorded(), "devices": [{**busy, "ratio": 1.4, "value": 1.4}], "lost": {}})[:1]
-    assert one.what == "1.4 , limit 1.0"
+    assert one.what == "1.4, limit 1"
+
+
+@pytest.mark.parametrize(("known", "said"), [(True, "halt, acknowledged"), (False, "halt, not acknowledged")])
+def test_a_latched_alarm_says_whether_a_person_knows_of_it(known: bool, said: str) -> None:
+    told = items.service({**recorded(), "latched": "halt", "acknowledged": known})
+    assert [one.what for one in told if one.name == "latched alarm"] == [said]
+
+
+def test_a_value_beyond_its_limit_is_told_in_figures_that_a_person_reads() -> None:
+    silent = {"name": "tracker presence", "fault": "device-lost", "verdict": "FAULT", "ratio": 42.9}
+    silent |= {"value": 21433.813635, "limit": 500.0, "unit": "ms"}
+    (one,) = items.devices({**recorded(), "devices": [silent], "lost": {}})[:1]
+    assert one.what == "21434 ms, limit 500"
