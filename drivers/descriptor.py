@@ -7,6 +7,7 @@ The rows stand as DRIVERS in the `__init__.py` of the driver's folder, and impor
 
 import difflib
 import math
+import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -33,7 +34,9 @@ VIDEO_NODE = Target("video", r"/dev/(video|v4l/).*", ("char-video4linux",), "vid
 GPIO_CHIP = Target("GPIO chip", r"/dev/gpiochip.*", ("char-gpiochip",), "gpio")
 STREAM = Target("stream", r"(rtsp|rtsps|rtmp|http|https|udp)://.*")
 RECORDING = Target("recording", r".*\.(mha|mhd)")
-FILM = Target("film", r".*\.(mp4|avi|mkv|mov)")
+FILM_SUFFIXES = (".mp4", ".avi", ".mkv", ".mov")
+"""Of files that screen recorders write; what OpenCV decodes under another name is a film as well."""
+FILM = Target("film", rf".*({'|'.join(map(re.escape, FILM_SUFFIXES))})")
 HOST = Target("host", r"(tcp://)?[\w.-]*[\w-](:\d+)?")
 CAMERA = Target("number of a camera", allow=VIDEO_NODE.allow, group=VIDEO_NODE.group)
 SOUND_CARD = Target("sound card", allow=("char-alsa",), group="audio")
@@ -70,6 +73,11 @@ class Option:
         if self.bounds is not None:
             return "{:g}…{:g}".format(*self.bounds)
         return "|".join(self.words) or self.form
+
+    def remedy(self, kind: str) -> str:
+        """What to write instead of a value out of bounds. kind: of number, in words."""
+        assert self.bounds is not None, f"the row of '{self.name}' has no bounds"
+        return f"Use {kind} from {self.bounds[0]:g} to {self.bounds[1]:g} {self.unit}".rstrip()
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,8 +186,7 @@ class Given:
         except ValueError:
             value = math.nan
         if not row.bounds[0] <= value <= row.bounds[1]:
-            unit = f" {row.unit}" if row.unit else ""
-            raise self.refusal(name, "Use a number from {:g} to {:g}".format(*row.bounds) + unit)
+            raise self.refusal(name, row.remedy("a number"))
         return value
 
     def integer(self, name: str) -> int:
@@ -194,8 +201,7 @@ class Given:
             return None
         assert row.bounds is not None, f"the row of '{name}' has no bounds"
         if not (text.isascii() and text.isdecimal() and row.bounds[0] <= int(text) <= row.bounds[1]):
-            unit = f" {row.unit}" if row.unit else ""
-            raise self.refusal(name, "Use a whole number from {:g} to {:g}".format(*row.bounds) + unit)
+            raise self.refusal(name, row.remedy("a whole number"))
         return int(text)
 
     def word(self, name: str) -> str:

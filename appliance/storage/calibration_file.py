@@ -28,6 +28,7 @@ from drivers.samples import Matrix4
 FORMAT = "probewatch-calibration"
 VERSION = 1
 _OTHERS = (".xml", ".tfm", ".h5")
+"""Endings under which PLUS and ITK look for formats of their own: TOML under such a name is read by nobody."""
 TOML_BEGINS = "# Spatial calibration of a tracked ultrasound probe"
 """The first words of each file of ours."""
 

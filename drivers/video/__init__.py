@@ -7,6 +7,8 @@ from drivers.descriptor import CAMERA, FILM, SOCKET, STREAM, VIDEO_NODE, Driver,
 from drivers.video.crop import CROP, ORIENTATION
 
 _FORMATS = ("GREY", "NV12", "YU12", "YV12", "YUYV", "UYVY", "RGB3", "BGR3", "MJPG")
+"""V4L2's codes of the pixels that `v4l2/pixels.py` makes grey; grabbers for scanners offer one of them, as far as
+known. Each more is a few lines there."""
 _RATES_HZ, _INPUTS = (1, 1000), (0, 63)
 """What a URL may ask of a grabber: slips are found by it, all else the device refuses. No grabber has more inputs."""
 _DELAYS_MS = (0, 5000)

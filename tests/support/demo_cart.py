@@ -32,7 +32,8 @@ class Cart(SimulatedCart):
         rate: float = 1.0,
         fps: float | None = None,
     ) -> None:
-        fps = fps or (_TRUSTED_FPS if trusting else CartSettings().fps)
+        if fps is None:
+            fps = _TRUSTED_FPS if trusting else CartSettings().fps
         super().__init__(folder, CartSettings(seed, rate, served, fps))
         self._trusting = trusting
         self.fault = folder / "fault"

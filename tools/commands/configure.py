@@ -28,7 +28,7 @@ from tools.shared.driver_text import examples, real_drivers
 from tools.shared.interruption import stopped_saying
 from tools.shared.limits_in_force import remarks as remarks_on_limits
 from tools.shared.named_cart import file_argument
-from tools.shared.unit_sight import is_of_the_unit, unseen
+from tools.shared.unit_sight import is_of_the_unit, relative, unseen
 
 _TRIAL_S = 2.0
 """For which a device is tried: forty pictures of a slow scanner, and a person does not wait long. Not varied."""
@@ -262,6 +262,9 @@ class _Device:
 
     def _check(self, url: str) -> None:
         check_options(url, self.kind)
+        for why in relative(url):
+            what, _, remedy = why.partition(". ")
+            raise ConfigurationError(what, url, remedy)
         if self.try_it is not None and url != self.before:
             self.try_it(url, self.kind)
 

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import click
 import numpy as np
-from click.core import ParameterSource
 from rich.console import Console
 
 from appliance.configuration.config import Config, load_config
@@ -53,6 +52,7 @@ from tools.shared.tables import FittingTable
 from tools.shared.terminal import progress_bar
 from tools.shared.unit_sight import unseen
 from tools.shared.verification import accepted, await_verification, recalibrating, refuse_simulated, reporting_change
+from tools.shared.without_effect import refuse_typed
 
 _LOOK_S = 0.2
 """Between two questions to the service during a live scan: four of its ticks."""
@@ -301,15 +301,6 @@ def command(
         _conclude(client, socket, target, wait_s)
 
 
-def _refuse_without_effect(options: tuple[str, ...], scan: str) -> None:
-    """What was typed, and would change nothing of this kind of scan. Raises UsageError."""
-    context = click.get_current_context()
-    typed = {one.name: one.opts[0] for one in context.command.params if isinstance(one, click.Option)}
-    for name, option in typed.items():
-        if option in options and context.get_parameter_source(name or "") is ParameterSource.COMMANDLINE:
-            raise click.UsageError(f"{option} has no effect with {scan}; leave it out")
-
-
 def _refuse_options(
     live: bool, simulate: bool, recording: Path | None, solve: str, signed_by: str, latency_first: bool
 ) -> None:
@@ -321,12 +312,12 @@ def _refuse_options(
             raise click.UsageError("--latency-first needs a person at the terminal; leave --signed-by out")
         if solve == "offset":
             raise click.UsageError("--solve offset needs a recorded scan; --live solves zeta or all")
-        _refuse_without_effect(_RECORDED_ALONE, "--live")
+        refuse_typed(_RECORDED_ALONE, "--live")
         return
     if simulate == (recording is not None):
         raise click.UsageError("give the scan: --live, or either --recording FILE or --simulated")
     scan = "--simulated" if simulate else "--recording"
-    _refuse_without_effect((*_LIVE_ALONE, *(_RECORDING_ALONE if simulate else _SIMULATED_ALONE)), scan)
+    refuse_typed((*_LIVE_ALONE, *(_RECORDING_ALONE if simulate else _SIMULATED_ALONE)), scan)
 
 
 def _refuse_signed(chosen: Begin, signature: Signature | None) -> None:

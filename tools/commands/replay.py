@@ -20,6 +20,7 @@ from appliance.storage.black_box import Series
 from appliance.storage.calibration_file import calibration_bytes, check_own_name, is_device_set, read_calibration
 from appliance.supervision.timeline import Judging
 from appliance.types import Calibration, Check
+from drivers.descriptor import FILM_SUFFIXES
 from drivers.errors import ConfigurationError, RecordingError
 from drivers.files.atomic_file import PAGE_BEGINS, check_apart, check_new, check_replaceable
 from drivers.recordings.replay import Recording, open_recording
@@ -41,7 +42,6 @@ from tools.study.archive import ArchiveTask, archive_table
 from tools.study.workers import results
 
 _Item = TypeVar("_Item")
-_FILMS = (".mp4", ".avi", ".mkv", ".mov")
 
 
 def _episodes(_context: click.Context, _option: click.Parameter, texts: tuple[str, ...]) -> Schedule:
@@ -273,7 +273,7 @@ def _refuse_absent(recordings: tuple[Path, ...]) -> None:
     for path in recordings:
         if not path.exists():
             beside = (
-                [one.name for one in path.parent.iterdir() if one.suffix.lower() in (*SUFFIXES, *_FILMS)]
+                [one.name for one in path.parent.iterdir() if one.suffix.lower() in (*SUFFIXES, *FILM_SUFFIXES)]
                 if path.parent.is_dir()
                 else []
             )

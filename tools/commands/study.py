@@ -11,12 +11,13 @@ from rich.console import Console
 from appliance.core.parameters import MEASURED
 from appliance.limits import PROFILES, Profile
 from appliance.storage.calibration_file import calibration_bytes
-from drivers.errors import ConfigurationError, DeviceLost
+from drivers.errors import ConfigurationError, DeviceLost, RecordingError
 from drivers.twins.scene.breathing import DIRECTIONS
 from drivers.twins.scene.surroundings import described, surroundings
 from tools.shared.found_recordings import found
 from tools.shared.tables import NOTHING, FittingTable
 from tools.shared.terminal import progress_bar
+from tools.shared.without_effect import refuse_typed
 from tools.study.archive import ARCHIVE_KEYS, NOT_FETCHED, ArchiveTask, archive_table
 from tools.study.hand import ALL, PROGRAMS
 from tools.study.hazard import STANDARD, WITHIN, Hazard
@@ -193,6 +194,7 @@ def command(
         output.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ConfigurationError(f"cannot be made: {error.strerror}", str(output), "Give another --output") from error
+    _refuse_without_effect(recordings, calibration)
     if recordings:
         _study_recordings(_archive(recordings, calibration), output, jobs, scheduler)
         return
@@ -207,6 +209,31 @@ def command(
     _print(rows)
     write_page(page, rows)
     click.echo(f"written: {table.path}, {page}")
+
+
+_SIMULATED_ALONE = (
+    "--sessions",
+    "--tissues",
+    "--seeds",
+    "--draws",
+    "--duration",
+    "--noise-mm",
+    "--hazards",
+    "--asked",
+    "--profiles",
+    "--motions",
+)
+
+
+def _refuse_without_effect(recordings: tuple[str, ...], calibration: Path | None) -> None:
+    """Of the other kind of study. Raises UsageError, RecordingError for a file that is not there."""
+    if not recordings and calibration is not None:
+        raise click.UsageError("--calibration is of RECORDINGs; simulated sessions have their own")
+    for name in recordings:
+        if not is_url(name) and not Path(name).exists():
+            raise RecordingError("cannot be read: No such file or directory", name, "Check its name and its folder")
+    if recordings:
+        refuse_typed(_SIMULATED_ALONE, "RECORDINGs")
 
 
 def _do(plan: Sequence[Conditions], table: StudyTable, folder: Path | None, jobs: int, scheduler: str | None) -> None:

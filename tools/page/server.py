@@ -385,7 +385,8 @@ def _begin(body: dict[str, Any]) -> Begin:
     probe, preset, technician, reason, wanted = (
         _text(body, name) for name in ("probe", "preset", "technician", "reason", "wanted")
     )
-    given: dict[str, Any] = {field: _number(body, field) for field in ("water_c", "scanner_m_s") if body.get(field) is not None}
+    numbers = [field for field in ("water_c", "scanner_m_s") if body.get(field) is not None]
+    given: dict[str, Any] = {field: _number(body, field) for field in numbers}
     return Begin(
         probe,
         preset,

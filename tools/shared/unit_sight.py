@@ -33,9 +33,24 @@ def unseen_mistakes(config: Config, file: Path) -> Iterator[str]:
     urls = [("[video] url", config.video.url), ("[tracker] url", config.tracker.url)]
     urls += [(f"[output] entry {number} url", output.url) for number, output in enumerate(config.output, 1)]
     named += [(where, path) for where, url in urls for path in _paths(url)]
+    for where, url in urls:
+        for why in relative(url):
+            yield f"{file}: {where}: {why}"
     for where, path in named:
         if path is not None and (why := unseen(path)):
             yield f"{file}: {where}: {path}: {why}"
+
+
+def relative(url: str) -> Iterator[str]:
+    """What is wrong with each path in a URL that begins in this folder: the service, started elsewhere, looks for it in
+    its own.
+    """
+    _, target, options = split_url(url)
+    for text in (target, *options.values()):
+        for part in (one.partition("@")[0] for one in text.split(",")):
+            path = Path(part)
+            if not path.is_absolute() and not part.isdecimal() and path.exists():
+                yield f"{part} is a path from this folder, and the service starts in another. Write {path.absolute()}"
 
 
 def _paths(url: str) -> Iterator[Path]:

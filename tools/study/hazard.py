@@ -3,6 +3,7 @@
 import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from difflib import get_close_matches
 from enum import StrEnum
 
 import cv2
@@ -110,6 +111,27 @@ FAULTS: Mapping[str, Fault] = {kind: row.fault for kind, row in _ROWS.items()}
 _TEXT = re.compile(r"([a-z-]+?)(?:=([+-]?[0-9.]+))?(?:@([a-z]+))?")
 
 
+_MOST: Mapping[str, float] = {"deg": 90.0, "mm": 100.0, "%": 50.0, "ms": 5000.0}
+"""Unit → largest size. Of what is farther off no simulated session shows anything, since every picture and pose is
+wrong. Far above all that was tried (`all`)."""
+
+
+def _size(kind: str, text: str | None) -> float:
+    """Raises ConfigurationError for no number, and for one beyond _MOST."""
+    if text is None:
+        return 0.0
+    unit = _ROWS[kind].unit
+    try:
+        size = float(text)
+    except ValueError:
+        raise ConfigurationError(f"'{text}' is not a number", "study", f"Give {kind}=5, for example") from None
+    if not abs(size) <= _MOST[unit]:
+        raise ConfigurationError(
+            f"{kind}={text} is out of bounds", "study", f"Give up to {_MOST[unit]:g} {unit} either way"
+        )
+    return size
+
+
 @dataclass(frozen=True)
 class Hazard:
     """size: deg, mm, % or ms; 0 for those that have none. beside: what else is wrong, with a manner of its own."""
@@ -135,18 +157,22 @@ class Hazard:
     def _parse_one(cls, text: str) -> "Hazard":
         found = _TEXT.fullmatch(text)
         kind, size, manner = found.groups() if found else ("", None, None)
+        named = text.partition("=")[0].partition("@")[0]
+        if kind not in KINDS and named in KINDS:
+            raise ConfigurationError(f"'{text}' is not KIND=SIZE@MANNER", "study", f"Give {named}=5@start, for example")
         if kind not in KINDS:
-            raise ConfigurationError(f"'{text}' is not a known hazard", "study", f"Use one of {', '.join(KINDS)}")
+            close = get_close_matches(named, KINDS, n=1)
+            meant = f"Did you mean {close[0]}? " if close else ""
+            raise ConfigurationError(
+                f"'{text}' is not a known hazard", "study", f"{meant}Use one of {', '.join(KINDS)}"
+            )
         sized = kind in _ROWS and _ROWS[kind].unit != ""
         if (size is not None) != sized:
             remedy = f"Give {kind}=5, for example" if sized else f"Give {kind} alone"
             raise ConfigurationError(f"'{text}' has {'a' if size else 'no'} size", "study", remedy)
         if manner is not None and manner not in list(Manner):
             raise ConfigurationError(f"'{manner}' is not a manner", "study", f"Use @{', @'.join(Manner)}")
-        try:
-            return cls(kind, float(size or 0), Manner(manner or Manner.START))
-        except ValueError:
-            raise ConfigurationError(f"'{size}' is not a number", "study", f"Give {kind}=5, for example") from None
+        return cls(kind, _size(kind, size), Manner(manner or Manner.START))
 
     def __str__(self) -> str:
         size = f"={self.size:g}" if self._row and self._row.unit else ""

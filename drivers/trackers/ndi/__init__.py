@@ -10,6 +10,8 @@ from drivers.trackers.staleness import DEADLINE, LATENCY, LOG
 
 _TOOL = "FILE.rom|@PLUG|FILE.rom@PLUG"
 _BAUDS = ("9600", "14400", "19200", "38400", "57600", "115200", "921600", "1228739")
+"""Bits per second, of those for which the Combined API's COMM has a digit (`session.py`): faster shortens the reply,
+slower bears a longer cable. No real device was tried."""
 _COUNTERS_HZ = (1, 5000)
 """Rates of a frame counter: beyond any device's, so that only slips are found by it."""
 

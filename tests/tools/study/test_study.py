@@ -181,7 +181,10 @@ def study(*arguments):
         (("--hazards", "bend"), "'bend' is not a known hazard"),
         (("--seeds", "0"), "not in the range"),
         (("--profiles", "coarse,finer"), "'finer' is none of coarse, clinical, fine"),
-        (("x.mha",), "RECORDINGs need --calibration"),
+        (("x.mha",), "x.mha: cannot be read: No such file"),
+        ((__file__,), "RECORDINGs need --calibration"),
+        ((__file__, "--seeds", "4"), "--seeds has no effect with RECORDINGs"),
+        (("--calibration", "probe.toml"), "--calibration is of RECORDINGs"),
     ],
 )
 def test_bad_input_is_refused_by_name(tmp_path, arguments, what):
