@@ -109,7 +109,7 @@ class DepthRuler(Detector):
         if tissue is None:
             return False
         ticks = tissue[np.round(ruler.rows).astype(int), start:stop]
-        return np.count_nonzero(~ticks.all(axis=1)) >= _DRAWN_SHARE * len(ticks)
+        return bool(np.count_nonzero(~ticks.all(axis=1)) >= _DRAWN_SHARE * len(ticks))
 
     def _another_unit(self, ratio: float) -> bool:
         assert self._shown is not None
