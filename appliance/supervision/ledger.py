@@ -254,7 +254,8 @@ class Ledger:
 
     @property
     def reported_sight(self) -> Fault | None:
-        """What is out of sight, or was within probation, so that a flicker is reported as one episode. Decides nothing.
+        """What is out of sight, or was within probation, so that a flicker is reported as one episode. Decides
+        nothing.
         """
         gone = self._unseen.gone(self.now_ns, self.durations.probation_ns)
         return None if gone else self._unseen.fault

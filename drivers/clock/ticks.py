@@ -25,7 +25,8 @@ steps by some 1 %. More finds steps in times that have none (one difference by c
 
 
 class Ticks:
-    """tick_ns: the step, 0 where the times come in none. Once known it holds until a difference is no multiple of it.
+    """tick_ns: the step, 0 where the times come in none. Once known it holds until a difference is no multiple
+    of it.
     """
 
     def __init__(self) -> None:

@@ -27,7 +27,8 @@ class SenderTime:
 
     @property
     def restarts(self) -> int:
-        """How often the sender's clock jumped, or its messages came later from then on, which cannot be distinguished.
+        """How often the sender's clock jumped, or its messages came later from then on, which cannot be
+        distinguished.
         """
         return self._clock.restarts
 

@@ -64,7 +64,8 @@ class Heard:
 def heard_in_sequence(
     path: Path, calibration: Path, limits: Limits, stale_ns: int, watched: Watched
 ) -> tuple[Heard, bool]:
-    """Peaks heard in a sequence, and whether its calibration is simulated. Raises RecordingError, ConfigurationError.
+    """Peaks heard in a sequence, and whether its calibration is simulated. Raises RecordingError,
+    ConfigurationError.
     """
     recording = open_recording(path)
     nominal = read_calibration(calibration, recording.size_px)

@@ -58,7 +58,8 @@ def tail_of(peaks: Sequence[float], hours: float) -> Tail:
 
 
 def least_hours() -> float:
-    """Hours of scanning without any peak that show the promise to be kept at the threshold that probewatch ships with.
+    """Hours of scanning without any peak that show the promise to be kept at the threshold that probewatch
+    ships with.
     """
     return _most_events(0) * FALSE_ALARM_H / exp((NAMED_NATS - LEVELS_NATS[0]) / _tail_nats(0, 0.0))
 

@@ -230,7 +230,8 @@ class PathFit:
         return 3 * len(self._samples.blocks)
 
     def agreement(self, reference: Calibration) -> float:
-        """See `Solution.correlation`, here under the reference itself; by shorter steps where the motion is too short.
+        """See `Solution.correlation`, here under the reference itself; by shorter steps where the motion is too
+        short.
         """
         residual, nothing = self._residual(reference), (NOTHING, np.zeros(1))
         agreed = _agreement(residual, self._noise, *nothing)

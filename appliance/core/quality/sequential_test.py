@@ -144,7 +144,8 @@ def _bounds(limits: Limits, lag_s: float) -> tuple[Array, Array]:
 
 
 class _Trial:
-    """Trial of the last n blocks. nats: by how much the best calibration, wherever it is, beats the best within bounds.
+    """Trial of the last n blocks. nats: by how much the best calibration, wherever it is, beats the best within
+    bounds.
     """
 
     def __init__(self, rows: Innovations, n: int, bounds: tuple[Array, Array]) -> None:

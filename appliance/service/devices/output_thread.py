@@ -53,7 +53,8 @@ class OutputThread(DeviceThread):
         self.delays = DelayHistogram(_BOUNDS_MS)
 
     def command(self, energised: bool, given_ns: int) -> None:
-        """Command it from the tick; never blocks. given_ns: when that was found out, from which the delay is counted.
+        """Command it from the tick; never blocks. given_ns: when that was found out, from which the delay is
+        counted.
         """
         self._command = _Command(energised, given_ns, self._clock.real_ns())
         self._wake.set()
