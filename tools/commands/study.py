@@ -203,6 +203,7 @@ def command(
     check_page(page)
     folder = None if motions is None else motions.absolute()
     plan = planned(sessions, tissues, seeds, noises_mm, hazards, duration_s, asked, draws, profiles)
+    _refuse_late(plan)
     _do(plan, table, folder, jobs, scheduler)
     keys = {one.key for one in plan}
     rows = [row for row in table.rows if tuple(row[key] for key in KEYS) in keys]
@@ -234,6 +235,15 @@ def _refuse_without_effect(recordings: tuple[str, ...], calibration: Path | None
             raise RecordingError("cannot be read: No such file or directory", name, "Check its name and its folder")
     if recordings:
         refuse_typed(_SIMULATED_ALONE, "RECORDINGs")
+
+
+def _refuse_late(plan: Sequence[Conditions]) -> None:
+    """A hazard that begins after its session is not there, and the table would say that it was missed."""
+    for one in plan:
+        onset_s, ends_s = one.hazard.onset_s, one.session.duration_s
+        if isfinite(onset_s) and onset_s >= ends_s:
+            what = f"{one.hazard} begins at {onset_s:g} s, and the session ends at {ends_s:g} s"
+            raise click.UsageError(f"{what}: give a longer --duration, or @start")
 
 
 def _do(plan: Sequence[Conditions], table: StudyTable, folder: Path | None, jobs: int, scheduler: str | None) -> None:

@@ -180,6 +180,7 @@ def study(*arguments):
         (("--noise-mm", "some"), "not a list of .001 to 5 mm"),
         (("--hazards", "bend"), "'bend' is not a known hazard"),
         (("--seeds", "0"), "not in the range"),
+        (("--duration", "12", "--hazards", "depth=10@sudden"), "begins at 20 s, and the session ends at 12 s"),
         (("--profiles", "coarse,finer"), "'finer' is none of coarse, clinical, fine"),
         (("x.mha",), "x.mha: cannot be read: No such file"),
         ((__file__,), "RECORDINGs need --calibration"),
