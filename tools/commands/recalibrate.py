@@ -355,14 +355,20 @@ class _Service:
 
 
 def _live_service(config_file: Path | None, socket: Path | None, feed: Path | None, folder: Path | None) -> _Service:
-    """Raises ConfigurationError, DeviceLost before anybody is asked anything: answers for nobody are typed in vain."""
+    """Raises ConfigurationError, DeviceLost, ControlRefused before anybody is asked anything: answers for nobody, or
+    while somebody else recalibrates, are typed in vain.
+    """
     config = None if config_file is None else load_config(config_file)
     control = socket or (None if config is None else config.control.socket)
     if control is None:
         raise click.UsageError("name the service: --config FILE, or --socket")
     pictures = feed or (None if config is None else config.feed_socket) or control.with_name("feed")
     service = _Service(control, pictures, _live_folder(folder, config, control))
-    ControlClient(control).close()
+    with ControlClient(control) as client:
+        begun = client.status().get("recalibration")
+    if begun and begun["ended"] is None:
+        what = f"{begun['who']} has recalibrated for {begun['since_s']:.0f} s"
+        raise ControlRefused(what, str(control), "Wait, or have it ended there")
     return service
 
 

@@ -1,12 +1,12 @@
 """Options and answers of `probewatch recalibrate`: what goes with no scan, or could not be signed at its end."""
 
 import io
-import socket
 from datetime import date
 from pathlib import Path
 
 import pytest
 
+from tests.support.answering import Answering
 from tests.support.answers import answered
 from tools.recalibration.paperwork import Begin, Signature, sign_off
 from tools.recalibration.terminal import words
@@ -55,9 +55,7 @@ def test_a_live_scan_without_anybody_at_a_terminal_says_what_to_give(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("sys.stdin", io.StringIO())
-    with socket.socket(socket.AF_UNIX) as service:
-        service.bind(str(tmp_path / "control"))
-        service.listen()
+    with Answering(tmp_path / "control"):
         answer = answered("recalibrate", "--live", "--socket", tmp_path / "control", "--folder", tmp_path)
     assert (answer.returncode, "nobody can be asked here. Give --probe" in answer.stderr) == (130, True), answer
 
@@ -73,3 +71,15 @@ def test_a_blank_answer_of_a_person_is_asked_for_again(monkeypatch: pytest.Monke
     monkeypatch.setattr("sys.stdin", io.StringIO("  \n B. Stone \n"))
     assert words("name of the second person") == "B. Stone"
     assert "other than spaces" in capsys.readouterr().out
+
+
+def test_who_recalibrates_already_is_told_before_anybody_is_asked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("click.prompt", lambda *_, **__: pytest.fail("asked, though somebody else recalibrates"))
+    with Answering(tmp_path / "control") as service:
+        service.changes = {
+            "recalibration": {"who": "ann, process 7", "yours": False, "since_s": 8.2, "hold_s": 20.0, "ended": None}
+        }
+        answer = answered("recalibrate", "--live", "--socket", service.path, "--folder", tmp_path)
+    assert (answer.returncode, "ann, process 7 has recalibrated for 8 s. Wait" in answer.stderr) == (75, True), answer
