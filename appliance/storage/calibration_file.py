@@ -52,11 +52,16 @@ calibration."""
 _SCALE_RANGE_MM = (1e-3, 10.0)
 """mm per px. Pictures of 1 to 30 cm in 200 to 2000 px have .005 to 1.5; metres and micrometres for mm lie outside."""
 
+_FARTHEST_MM = 2000.0
+"""Of the picture's centre from the marker body, which sits on the probe: public device sets have up to some 150 mm.
+More is in another unit, or of another body; less might refuse a long holder."""
+
 _Named = tuple[str, str, str]
 """From, To and Matrix of a transform."""
 _Row3 = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
 _Row4 = tuple[FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat]
 _Scale = Annotated[float, Field(ge=_SCALE_RANGE_MM[0], le=_SCALE_RANGE_MM[1])]
+_Distance = Annotated[float, Field(ge=-_FARTHEST_MM, le=_FARTHEST_MM, allow_inf_nan=False)]
 _Side = Annotated[int, Field(ge=16, le=16_384)]
 _Sign = Literal[-1, 1]
 _Sigma = Annotated[float, Field(ge=0)]
@@ -76,7 +81,7 @@ class _File(BaseModel):
     image_to_probe: tuple[_Row4, _Row4, _Row4, _Row4] | None = None
     rotation: tuple[_Row3, _Row3, _Row3] | None = None
     scale_mm_per_px: tuple[_Scale, _Scale] | None = None
-    offset_mm: _Row3 | None = None
+    offset_mm: tuple[_Distance, _Distance, _Distance] | None = None
     not_observed: tuple[str, ...] = ()
     sigma: dict[str, _Sigma] | None = None
     simulated: bool = False
@@ -109,6 +114,8 @@ def parse_calibration(
     data: bytes, path: Path, image_size_px: tuple[int, int] | None = None, probe: str = "Probe"
 ) -> Calibration:
     """The same of a file's content. path: where it lay, for what is refused."""
+    if not data.strip():
+        raise ConfigurationError("is empty", str(path), "Copy it again")
     if is_device_set(data):
         return _from_xml(data, path, image_size_px, probe)
     calibration = _from_toml(data, path)
@@ -195,6 +202,9 @@ def calibration_from_image_to_probe(
     R = np.stack([r1, r2, np.cross(r1, r2)])
     _check_third_column(matrix[:3, 2], R[2], where)
     offset_mm = -R @ (matrix[:3, :3] @ _centre_px(image_size_px) + matrix[:3, 3])
+    if (far_mm := float(np.linalg.norm(offset_mm))) > _FARTHEST_MM:
+        what = f"puts the picture {far_mm / 1000:.3g} m from the marker body"
+        raise _no_calibration(what, where, "Give its last column in mm, and the marker body of the probe")
     return Calibration(R, polarity, scale, offset_mm, image_size_px)
 
 

@@ -151,6 +151,7 @@ def toml(tmp_path):
         ("scale_mm_per_px = [0.22", "scale_mm_per_px = [-0.22", "line 17: .scale_mm_per_px. entry 1 = -?0"),
         ("scale_mm_per_px = [0.22, 0.26]", "", "together"),
         ("offset_mm = [12.0", "offset_mm = [inf", "line 18: .offset_mm. entry 1 = inf"),
+        ("offset_mm = [12.0", "offset_mm = [12000.0", "line 18: .offset_mm. entry 1 = 12000"),
         ("image_size_px = [640", "image_size_px = [0", "line 10: .image_size_px. entry 1 = 0: input"),
         ("rotation-lateral = 1.0", "rotation-lateral = -1.0", ".sigma. rotation-lateral = -1.0"),
         ("rotation-lateral = 1.0", "", "keys of .sigma."),
@@ -168,6 +169,14 @@ def test_bad_toml_is_refused_with_its_key(toml, old, new, complaint):
         read_calibration(toml)
     assert str(toml) in str(refusal.value)
     assert refusal.value.remedy
+
+
+@pytest.mark.parametrize("content", [b"", b"\n \n"])
+def test_an_empty_file_is_told_as_that(tmp_path, content):
+    path = tmp_path / "probe.xml"
+    path.write_bytes(content)
+    with pytest.raises(ConfigurationError, match=r"is empty\. Copy it again"):
+        read_calibration(path, (640, 480))
 
 
 def test_pictures_of_another_size_are_refused(toml):
@@ -325,6 +334,7 @@ PIXELS[:3, 3] = 10, 20, 1
         (PIXELS.T, "the last row 10 20 1 1, not 0 0 0 1", "transposed"),
         (np.diag([0.08, 0.08, 0.08, 2]), "the last row 0 0 0 2", "Calibrate the probe again"),
         (np.diag([np.nan, 0.08, 0.08, 1]), "not finite", "Calibrate the probe again"),
+        (PIXELS + 1e5 * np.eye(4, k=3), "puts the picture 100 m from", "its last column in mm"),
     ],
 )
 def test_a_matrix_of_another_unit_or_form_is_told_with_what_to_do_about_it(matrix, what, remedy):
