@@ -450,7 +450,7 @@ def _check_size(before: _Reference, scan_input: ScanInput) -> None:
 
 def _scanned(scan_input: ScanInput, latency_ms: float) -> CrosswireScan:
     scan = CrosswireScan(latency_ms)
-    if not sys.stderr.isatty():  # where no bar is shown, and a minute may pass
+    if scan_input.file is None and not sys.stderr.isatty():  # no bar is shown, and drawing the pictures takes a minute
         click.echo(f"looking at {scan_input.name}: {scan_input.total} pictures and poses", err=True)
     with progress_bar("crossing seen in {task.fields[seen]} of {task.fields[pictures]} pictures") as progress:
         task = progress.add_task("scan", total=scan_input.total, seen=0, pictures=0)
