@@ -28,6 +28,9 @@ from drivers.video.crop import FLIPS
 
 _MOST_PICTURES = 1_000_000
 """Pictures of a film: nine hours at 30 Hz, whose times are all kept. A damaged film may have no end."""
+_COMPLETE = 0.9
+"""Share of the pictures that a header counts. Where the rate varies it counts by the duration, some too many; less lets
+a film pass that has lost its end. Not measured."""
 _LISTS = (b"#EXTM3U", b"ffconcat", b"ID3")
 """Beginnings of files that FFmpeg takes for lists of other films, wherever those lie, and of the tag that it skips
 before it looks for such a beginning."""
@@ -47,7 +50,10 @@ _SHORTEST, _LONGEST = 0.9, 1.1
 
 
 class Film:
-    """A film as a sequence of pictures without poses. Raises RecordingError where nothing can be decoded."""
+    """A film as a sequence of pictures without poses. Raises RecordingError where nothing can be decoded.
+
+    lacking: number of pictures that its header counts and that are not there, as in a film that was cut.
+    """
 
     def __init__(self, path: Path, orientation: str | None = None) -> None:
         self.path = path
@@ -55,7 +61,9 @@ class Film:
         if named[:2] not in FLIPS:
             raise RecordingError(f"orientation {named} is not known", str(path), f"Use {', '.join(FLIPS)}")
         self._flips = FLIPS[named[:2]]
-        self._times_ns, self.size_px = self._looked_through()
+        self._times_ns, self.size_px, counted = self._looked_through()
+        there = len(self._times_ns)
+        self.lacking = counted - there if there < _COMPLETE * counted else 0
 
     def __len__(self) -> int:
         return len(self._times_ns)
@@ -103,10 +111,12 @@ class Film:
             raise RecordingError("cannot be decoded as a film", str(self.path), "Convert it to MP4 or MKV")
         return film
 
-    def _looked_through(self) -> tuple[list[int], tuple[int, int]]:
-        """(times of all pictures, ns; width and height)."""
+    def _looked_through(self) -> tuple[list[int], tuple[int, int], int]:
+        """(times of all pictures, ns; width and height; how many pictures the header counts, 0 where it does not)."""
         film, times_ns = self._opened(), list[int]()
         try:
+            told = film.get(cv2.CAP_PROP_FRAME_COUNT)
+            counted = round(told) if 0 < told < _MOST_PICTURES else 0
             size_px = round(film.get(cv2.CAP_PROP_FRAME_WIDTH)), round(film.get(cv2.CAP_PROP_FRAME_HEIGHT))
             if size_px[0] * size_px[1] > MAX_PIXELS:
                 what = f"has {size_px[0]} × {size_px[1]} pixels; more than {MAX_PIXELS} are no picture of a scanner"
@@ -118,7 +128,7 @@ class Film:
         if not times_ns:
             raise RecordingError("holds no pictures", str(self.path), "Is it cut? Copy it again")
         first_ns = times_ns[0]
-        return [t_ns - first_ns for t_ns in times_ns], size_px
+        return [t_ns - first_ns for t_ns in times_ns], size_px, counted
 
 
 _OWN_WORDS = {status.value: status for status in PoseStatus if status is not PoseStatus.OK}

@@ -17,6 +17,7 @@ import numpy as np
 from drivers.clock.host_clock import HostClock
 from drivers.errors import DeviceLost, RecordingError
 from drivers.recordings import REPLAY
+from drivers.recordings.film import Film
 from drivers.recordings.sequence import Sequence, read_sequence
 from drivers.samples import Frame, Matrix4, Pose, PoseStatus, Sample, Stamp
 from drivers.trackers.plus_transform import TransformReading
@@ -137,7 +138,11 @@ def open_recording(
     tool, fixed = _transform_names(pose_source, probe or "Probe", reference, need_poses)
     frame_order, disordered = _in_time_order(pictures) if pictures.size_px else ((), 0)
     shown = tuple(entry for entry in frame_order if pictures.image_ok(entry[1]))
-    left_out = {"picture time does not increase": disordered, "picture marked invalid": len(frame_order) - len(shown)}
+    left_out = {
+        "picture time does not increase": disordered,
+        "picture marked invalid": len(frame_order) - len(shown),
+        "the film is cut: its header counts more pictures": pictures.lacking if isinstance(pictures, Film) else 0,
+    }
     pose_order = _in_time_order(pose_source)[0] if tool else ()
     _check_overlap(shown, pose_order, pose_source)
     return Recording(

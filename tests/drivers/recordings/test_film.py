@@ -213,3 +213,15 @@ def test_a_time_that_is_none_is_told_with_what_to_write(tmp_path: Path, cell: st
     table.write_text(f"t_s,x_mm,y_mm,z_mm,qw,qx,qy,qz\n{cell},1,2,3,1,0,0,0\n")
     with pytest.raises(RecordingError, match=said):
         PoseTable(table).stamp_ns(0)
+
+
+def test_a_film_that_has_lost_its_end_says_how_many_pictures(tmp_path: Path) -> None:
+    """Half of it was judged as if it were all."""
+    whole, table = film(tmp_path / "whole.mkv", 60), tmp_path / "poses.csv"
+    write_poses(table, rows(150))
+    assert open_recording(whole, poses=table).left_out == {}
+    (tmp_path / "cut.mkv").write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
+    cut = open_recording(tmp_path / "cut.mkv", poses=table)
+    there = len(cut.frame_order)
+    assert 20 < there < 40
+    assert cut.left_out == {"the film is cut: its header counts more pictures": 60 - there}
