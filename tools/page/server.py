@@ -288,8 +288,8 @@ class Guard:
         origin = headers.get("origin")
         if method == "POST" and not _is_own(origin, host):
             if origin is None:
-                what = f"the request comes from no page: Origin none, Host {printable(host, _NAMED)}"
-                return f"{what}; a browser sends Origin: http://{printable(host, _NAMED)}"
+                own = printable(host, _NAMED)
+                return f"the request comes from no page: Origin none, Host {own}; a browser sends Origin: http://{own}"
             compared = f"Origin {printable(origin, _NAMED)}, Host {printable(host, _NAMED)}"
             return f"the request comes from another page: {compared}; a proxy must pass on Host as the browser sends it"
         return ""
