@@ -1,7 +1,7 @@
 """A fault is one row: what it leads to, what the operator reads and does in each language, the names of its checks, its
 device, and the keys of its limits. Supervisor, languages, page, metrics and docs/alarms.md are made of it. Pure.
 
-Word and kind of each are its member of `Fault`, as the line knows no texts; who reports it, the reporter declares.
+Its member of `Fault` gives its word and kind, as the line knows no texts; detectors declare which faults they report.
 """
 
 from collections.abc import Mapping
