@@ -126,7 +126,7 @@ def test_a_sudden_fault_is_named_at_once(fault: str, within_s: float) -> None:
 @pytest.mark.parametrize(
     ("factors", "until_s"),
     [
-        ((0.9, 1.0), 4.0),
+        pytest.param((0.9, 1.0), 4.0, marks=THOROUGH),
         *(pytest.param(one, 6.5, marks=THOROUGH) for one in ((0.9, 1.0), (1.1, 1.0), (1.0, 1.1), (1.0, 0.9))),
     ],
 )
