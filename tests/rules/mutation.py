@@ -39,6 +39,7 @@ from tests.rules.reached import Line, Reach, Reached
 ROOT = Path(__file__).parents[2]
 TESTS = [
     "tests/appliance/supervision/test_policy.py",
+    "tests/appliance/supervision/test_condition.py",
     "tests/appliance/supervision/test_supervisor.py",
     "tests/appliance/supervision/test_alarms.py",
     "tests/appliance/supervision/test_overload.py",

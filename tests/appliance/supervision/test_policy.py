@@ -6,7 +6,7 @@ import pytest
 
 from appliance.supervision.alarms import HAZARDS, SIGNALS
 from appliance.supervision.annunciator import Annunciator, Role
-from appliance.supervision.audio import pulses
+from appliance.supervision.audio import Audio, pulses
 from appliance.supervision.faults import FAULT_ROWS
 from appliance.supervision.policy import ADVISORY, Durations, Ending, Policy
 from appliance.supervision.supervisor import Inputs, Request
@@ -193,3 +193,14 @@ def test_a_silent_row_is_silent_in_its_own_states_alone() -> None:
 
 def test_a_row_without_steps_leads_nowhere() -> None:
     assert all(Policy((), Ending.NONE).step_to(state) is None for state in State)
+
+
+def test_a_sound_is_silenced_by_a_pause_or_switched_off_and_by_nothing_else() -> None:
+    paused, off = Audio(), Audio()
+    assert not paused.silenced
+    paused.pause(0, S_NS)
+    assert paused.silenced
+    paused.on()
+    assert not paused.silenced
+    off.off("theatre recording")
+    assert off.silenced
