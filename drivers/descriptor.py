@@ -5,13 +5,13 @@ suites read them.
 The rows stand as DRIVERS in the `__init__.py` of the driver's folder, and importing that imports no driver.
 """
 
-import difflib
 import math
 import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 from drivers.errors import ConfigurationError
+from drivers.suggestion import did_you_mean, suggested
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,10 +152,9 @@ def refuse_unknown(options: Collection[str], known: Sequence[str], where: str, a
     these; advice follows them.
     """
     if unknown := sorted(set(options) - set(known)):
-        close = difflib.get_close_matches(unknown[0].lower(), known, n=1, cutoff=0.6)
-        meant = f"Did you mean {close[0]}=? " if close else ""
+        meant = did_you_mean(suggested(unknown[0], known))
         remedy = f"Use {', '.join(known)}" if known else "Leave it out: this kind of device takes none"
-        raise ConfigurationError(f"unknown option '{unknown[0]}'", where, f"{meant}{remedy}{advice}")
+        raise ConfigurationError(f"unknown option '{unknown[0]}'", where, f"{meant} {remedy}{advice}".lstrip())
 
 
 class Given:

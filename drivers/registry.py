@@ -3,7 +3,6 @@
 The drivers say it themselves: each folder has its descriptors as DRIVERS in its `__init__.py` (drivers/descriptor.py).
 """
 
-import difflib
 import importlib
 import re
 from collections.abc import Collection
@@ -16,6 +15,7 @@ from drivers.clock.host_clock import HostClock
 from drivers.descriptor import TARGETS, Driver
 from drivers.device_api import AlarmOutput, TrackerSource, VideoSource
 from drivers.errors import ConfigurationError
+from drivers.suggestion import did_you_mean, suggested
 
 _CALLED = {"tracker": "a tracker", "video": "a video source", "output": "an alarm output"}
 _KINDS = tuple(_CALLED)
@@ -85,9 +85,13 @@ def _no_device(url: str, scheme: str) -> ConfigurationError:
 def _no_scheme(url: str, kind: str) -> ConfigurationError:
     scheme, colon, rest = url.partition(":")
     fitting = _fitting(kind)
-    close = difflib.get_close_matches(scheme.lower(), fitting, n=1, cutoff=0.6) if colon else []
-    meant = [f"{close[0]}:{rest}"] if close else [one for one in _likely(url) if one.partition(":")[0] in fitting]
-    remedy = f"Did you mean {' or '.join(meant)}?" if meant else f"Use one of {_listed(fitting)}"
+    close = suggested(scheme, fitting) if colon else []
+    meant = (
+        [f"{one}:{rest}" for one in close]
+        if close
+        else [one for one in _likely(url) if one.partition(":")[0] in fitting]
+    )
+    remedy = did_you_mean(meant) or f"Use one of {_listed(fitting)}"
     what = f"'{scheme}:' is not a known device kind" if colon else "does not say of which kind the device is"
     return ConfigurationError(what, url, remedy)
 

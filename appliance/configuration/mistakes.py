@@ -1,6 +1,5 @@
 """What is wrong in a TOML file, mistake by mistake: in which line, which key, its value, its bound, what was meant."""
 
-import difflib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Self, get_args
@@ -10,6 +9,7 @@ from pydantic_core import ErrorDetails
 
 from appliance.configuration.toml_lines import Place, key_lines, line_of
 from drivers.errors import ConfigurationError
+from drivers.suggestion import did_you_mean, suggested
 
 _IN_ONE_LINE = 8
 """Mistakes that a refusal in one line lists; `probewatch check` lists them all."""
@@ -54,7 +54,7 @@ class Mistakes(ConfigurationError):  # noqa: N818  as people call them
 def _without_consequences(items: list[ErrorDetails], model: type[BaseModel]) -> list[ErrorDetails]:
     """A misspelt or misplaced key is missing where it was meant; a list without its bad entries may be too short."""
     unknown = [item["loc"] for item in items if item["type"] == "extra_forbidden"]
-    meant = {(*place[:-1], _meant(place, model)) for place in unknown}
+    meant = {(*place[:-1], name) for place in unknown for name in _meant(place, model)}
     meant |= {(place[-1],) for place in unknown}
     return [
         item
@@ -103,9 +103,8 @@ def _key(place: Place) -> str:
 
 
 def _advice(place: Place, model: type[BaseModel]) -> str:
-    close = _meant(place, model)
-    if close is not None:
-        return f", did you mean '{close}'?"
+    if close := _meant(place, model):
+        return f". {did_you_mean(close)}"
     if place[-1] in model.model_fields:
         return ", it belongs before the first section" if _model_of(model, str(place[-1])) is None else _TOP
     elsewhere = [name for name in model.model_fields if place[-1] in _known((name,), model)]
@@ -114,8 +113,8 @@ def _advice(place: Place, model: type[BaseModel]) -> str:
     return f" (known: {', '.join(_known(place[:-1], model))})"
 
 
-def _meant(place: Place, model: type[BaseModel]) -> str | None:
-    return next(iter(difflib.get_close_matches(str(place[-1]), _known(place[:-1], model), n=1, cutoff=0.5)), None)
+def _meant(place: Place, model: type[BaseModel]) -> list[str]:
+    return suggested(str(place[-1]), _known(place[:-1], model))
 
 
 def _known(section: Place, model: type[BaseModel]) -> list[str]:

@@ -3,7 +3,6 @@
 The helpers are pure, so a recording can be spoiled with the same faults as the live twins.
 """
 
-import difflib
 import json
 from collections.abc import Collection
 from dataclasses import dataclass
@@ -15,6 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from drivers.errors import ConfigurationError
 from drivers.samples import GreyImage, Matrix4
+from drivers.suggestion import did_you_mean, suggested
 
 CART_FAULTS = (
     "flip-lateral",
@@ -82,20 +82,14 @@ class Episode:
 
 
 def refuse_unknown_fault(name: object, names: Collection[str], where: str) -> None:
-    """Raises ConfigurationError for a name that is none of `names`, with what may have been meant."""
+    """Raises ConfigurationError for a name that is none of `names`, and suggests the most similar of them."""
     if name in list(names):
         return
-    typed = str(name).lower()
-    begun = [one for one in names if typed and one.startswith(typed)]
-    close = begun or difflib.get_close_matches(typed, names, n=1, cutoff=0.6)
+    question = did_you_mean(suggested(str(name), names))
     what = f"{repr(name)[:80]} is not a known fault"
-    if close:
-        what += f", did you mean {' or '.join(map(repr, close))}?"
-    elif name in PICTURE_FAULTS:
-        what += " of this device; the scanner shows it"
-    elif name in CART_FAULTS:
-        what += " of this device; the tracker shows it"
-    raise ConfigurationError(what, where, f"Use {', '.join(sorted(names))}")
+    if name in CART_FAULTS and not question:
+        what += f" of this device; the {'scanner' if name in PICTURE_FAULTS else 'tracker'} shows it"
+    raise ConfigurationError(what, where, f"{question} Use {', '.join(sorted(names))}".lstrip())
 
 
 def _refuse(what: str, entry: object, where: str = "fault schedule") -> ConfigurationError:

@@ -66,7 +66,7 @@ def test_a_configuration_that_cannot_be_used_fails_once_with_words(container: Co
     assert show(container, "ExecMainStatus") == "78"
     assert show(container, "NRestarts") == "0"
     shown = container.sh(f"systemctl status {UNIT} --no-pager", check=False).out
-    assert "scale_procent is not known, did you mean 'scale_percent'?" in shown
+    assert "scale_procent is not known. Did you mean 'scale_percent'?" in shown
     assert "Traceback" not in shown
 
 

@@ -91,7 +91,7 @@ def test_a_slip_in_the_name_of_an_option_is_told_with_the_name(driver: Driver, o
     with pytest.raises(ConfigurationError) as refusal:
         read(driver, **{f"{option.name}s": "1"})
     assert refusal.value.what == f"unknown option '{option.name}s'"
-    assert refusal.value.remedy.startswith(f"Did you mean {option.name}=? Use ")
+    assert refusal.value.remedy.startswith(f"Did you mean '{option.name}'? Use ")
 
 
 @pytest.mark.parametrize("driver", SOURCES, ids=named)

@@ -155,7 +155,7 @@ def test_an_answer_that_cannot_be_is_asked_again_and_nothing_is_written_before_i
     with Person("configure", day.file) as person:
         person.sees("the scanner's picture")
         person.types("/dev/video0")
-        person.sees("Did you mean v4l2:/dev/video0")
+        person.sees("Did you mean 'v4l2:/dev/video0'")
         person.sees("the scanner's picture")
         person.types(f"sim:{day.socket}-nobody")
         person.sees("Take it all the same? [y/N]")

@@ -102,9 +102,9 @@ def test_control_file_adds_to_the_schedule_and_may_come_and_go(tmp_path: Path) -
 @pytest.mark.parametrize(
     ("text", "line", "meant"),
     [
-        ('["bmup"]', 1, "did you mean 'bump'?"),
-        ('[\n "bump",\n\n {"fault": "hto", "from_s": 1}]', 4, "did you mean 'hot'?"),
-        ('[{"fault": "bump",\n"from_s": 1}, "bump",\n"LOSE"]', 3, "did you mean 'lose-tracker'?"),
+        ('["bmup"]', 1, "Did you mean 'bump'?"),
+        ('[\n "bump",\n\n {"fault": "hto", "from_s": 1}]', 4, "Did you mean 'hot'?"),
+        ('[{"fault": "bump",\n"from_s": 1}, "bump",\n"LOSE"]', 3, "Did you mean 'lose-tracker'?"),
         ('["depth"]', 1, "of this device; the scanner shows it"),
         ('[\n["bump"]]', 2, "each entry needs fault"),
         ('["x,]", \n\n7]', 1, "is not a known fault. Use "),

@@ -79,7 +79,7 @@ def test_a_misspelt_fault_is_refused_with_its_line_and_a_right_one_is_told(tmp_p
     assert "ready" in cart.stderr.readline()
     file = folder / "scanner.json"
     for text, said in (
-        ('[\n  "depth",\n  "flip-latreal"\n]', f"{file}, line 3: 'flip-latreal' is not a known fault, did you mean"),
+        ('[\n  "depth",\n  "flip-latreal"\n]', f"{file}, line 3: 'flip-latreal' is not a known fault. Did you mean"),
         ('["bend-marker"]', "the tracker shows it"),
         ('["depth"]', "scanner: shows depth"),
         ("", "scanner: shows no fault"),

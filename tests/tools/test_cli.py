@@ -1,4 +1,4 @@
-"""Commands that are nearly right are told what may have been meant."""
+"""A misspelt command or URL is refused with the one that was probably meant."""
 
 import pytest
 from click.testing import CliRunner
@@ -11,11 +11,11 @@ from tools.cli import probewatch
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["statsu"], "No such command 'statsu', did you mean 'status'?"),
-        (["acknowledge"], "did you mean 'ack'?"),
-        (["lamptest"], "did you mean 'lamp-test'?"),
-        (["simulate", "optotrack"], "did you mean 'optotrak'?"),
-        (["xyz"], "there are ack, calibration, check"),
+        (["statsu"], "No such command 'statsu'. Did you mean 'status'?"),
+        (["acknowledge"], "Did you mean 'ack'?"),
+        (["lamptest"], "Did you mean 'lamp-test'?"),
+        (["simulate", "optotrack"], "Did you mean 'optotrak'?"),
+        (["xyz"], "Use one of ack, calibration, check"),
     ],
 )
 def test_an_unknown_command(words: list[str], said: str) -> None:
@@ -27,16 +27,16 @@ def test_an_unknown_command(words: list[str], said: str) -> None:
 @pytest.mark.parametrize(
     ("url", "meant"),
     [
-        ("/dev/ttyUSB0", "ndi:/dev/ttyUSB0 or relay:/dev/ttyUSB0 or serialpin:/dev/ttyUSB0?pin=rts"),
-        ("/dev/serial/by-id/usb-X", "ndi:/dev/serial/by-id/usb-X or"),
-        ("/dev/video2", "v4l2:/dev/video2"),
-        ("/dev/gpiochip0", "gpio:/dev/gpiochip0?line=17"),
-        ("rtsp://scanner/1", "opencv:rtsp://scanner/1"),
-        ("scan.igs.mha", "replay:scan.igs.mha"),
-        ("192.168.1.20:8765", "ndi+tcp://192.168.1.20:8765 or optotrak://192.168.1.20:8765"),
-        ("tcp://vega", "ndi+tcp://vega"),
-        ("v4l:/dev/video0", "v4l2:/dev/video0"),
-        ("nid:/dev/ttyUSB0", "ndi:/dev/ttyUSB0"),
+        ("/dev/ttyUSB0", "'ndi:/dev/ttyUSB0' or 'relay:/dev/ttyUSB0' or 'serialpin:/dev/ttyUSB0?pin=rts'"),
+        ("/dev/serial/by-id/usb-X", "'ndi:/dev/serial/by-id/usb-X' or"),
+        ("/dev/video2", "'v4l2:/dev/video2'"),
+        ("/dev/gpiochip0", "'gpio:/dev/gpiochip0?line=17'"),
+        ("rtsp://scanner/1", "'opencv:rtsp://scanner/1'"),
+        ("scan.igs.mha", "'replay:scan.igs.mha'"),
+        ("192.168.1.20:8765", "'ndi+tcp://192.168.1.20:8765' or 'optotrak://192.168.1.20:8765'"),
+        ("tcp://vega", "'ndi+tcp://vega'"),
+        ("v4l:/dev/video0", "'v4l2:/dev/video0'"),
+        ("nid:/dev/ttyUSB0", "'ndi:/dev/ttyUSB0'"),
     ],
 )
 def test_what_is_nearly_a_url(url: str, meant: str) -> None:

@@ -5,7 +5,6 @@ import io
 import sys
 from collections.abc import Callable, Iterable, Mapping
 from datetime import UTC, datetime
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +15,7 @@ from appliance.types import Fault, State
 from drivers.errors import ConfigurationError
 from drivers.files.atomic_file import check_new, writing
 from drivers.printable import LONGEST_TEXT, printable
+from drivers.suggestion import did_you_mean, suggested
 from tools.shared.alarm_history import settled_log
 from tools.shared.calendar_option import MOMENT
 from tools.shared.named_cart import folder_argument
@@ -29,15 +29,14 @@ _STATES = tuple(str(state.value) for state in State)
 
 
 def _one_of(words: Iterable[str]) -> Callable[[click.Context, click.Parameter, str | None], str | None]:
-    """Refuses every other word, with what it may have been meant to be."""
+    """Refuses every other word and suggests the most similar one."""
     known = [str(word) for word in words]
 
     def checked(_: click.Context, __: click.Parameter, value: str | None) -> str | None:
         if value is None or value in known:
             return value
-        meant = get_close_matches(value, known, 1)
-        said = f"did you mean '{meant[0]}'?" if meant else f"there are: {', '.join(known)}"
-        raise click.BadParameter(f"'{value}' is none; {said}")
+        meant = did_you_mean(suggested(value, known)) or f"Use one of {', '.join(known)}."
+        raise click.BadParameter(f"'{value}' is not known. {meant}")
 
     return checked
 

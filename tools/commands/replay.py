@@ -3,7 +3,6 @@
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from difflib import get_close_matches
 from pathlib import Path
 from typing import TypeVar
 
@@ -24,6 +23,7 @@ from drivers.descriptor import FILM_SUFFIXES
 from drivers.errors import ConfigurationError, RecordingError
 from drivers.files.atomic_file import PAGE_BEGINS, check_apart, check_new, check_replaceable
 from drivers.recordings.replay import Recording, open_recording
+from drivers.suggestion import did_you_mean, suggested
 from drivers.twins.faults import CART_FAULTS, Episode, Schedule, refuse_unknown_fault
 from tools.report.pdf import check_pdf, write_pdf
 from tools.report.recording_page import write_recording_page
@@ -277,8 +277,8 @@ def _refuse_absent(recordings: tuple[Path, ...]) -> None:
                 if path.parent.is_dir()
                 else []
             )
-            close = get_close_matches(path.name, beside, n=1)
-            remedy = f"Did you mean {path.with_name(close[0])}?" if close else "Check its name and its folder"
+            meant = [str(path.with_name(name)) for name in suggested(path.name, beside)]
+            remedy = did_you_mean(meant) or "Check its name and its folder"
             raise RecordingError("cannot be read: No such file or directory", str(path), remedy)
 
 

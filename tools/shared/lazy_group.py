@@ -1,11 +1,12 @@
 """A group of commands whose modules are imported only when one of them is used, so that `--help` is quick."""
 
-import difflib
 import importlib
 from collections.abc import Mapping
 from typing import Any
 
 import click
+
+from drivers.suggestion import did_you_mean, suggested
 
 
 class LazyGroup(click.Group):
@@ -31,11 +32,8 @@ class LazyGroup(click.Group):
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """Raises UsageError that says which command may have been meant."""
         if args and not args[0].startswith("-") and args[0] not in self._names:
-            typed = args[0].lower()
-            begun = [name for name in self._names if typed.startswith(name) or name.startswith(typed)]
-            close = begun or difflib.get_close_matches(typed, self._names, n=1, cutoff=0.5)
-            meant = f"did you mean '{close[0]}'?" if close else f"there are {', '.join(sorted(self._names))}."
-            ctx.fail(f"No such command '{args[0]}', {meant}")
+            meant = did_you_mean(suggested(args[0], self._names)) or f"Use one of {', '.join(sorted(self._names))}."
+            ctx.fail(f"No such command '{args[0]}'. {meant}")
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:

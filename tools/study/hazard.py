@@ -3,7 +3,6 @@
 import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from difflib import get_close_matches
 from enum import StrEnum
 
 import cv2
@@ -14,6 +13,7 @@ from appliance.types import Calibration, Fault
 from drivers.errors import ConfigurationError
 from drivers.rigid import Array, inverse, rigid, rotation_from_vector
 from drivers.samples import GreyImage
+from drivers.suggestion import did_you_mean, suggested
 from tools.study.metal import distorted
 
 ONSET_S = 20.0
@@ -161,11 +161,8 @@ class Hazard:
         if kind not in KINDS and named in KINDS:
             raise ConfigurationError(f"'{text}' is not KIND=SIZE@MANNER", "study", f"Give {named}=5@start, for example")
         if kind not in KINDS:
-            close = get_close_matches(named, KINDS, n=1)
-            meant = f"Did you mean {close[0]}? " if close else ""
-            raise ConfigurationError(
-                f"'{text}' is not a known hazard", "study", f"{meant}Use one of {', '.join(KINDS)}"
-            )
+            remedy = f"{did_you_mean(suggested(named, KINDS))} Use one of {', '.join(KINDS)}".lstrip()
+            raise ConfigurationError(f"'{text}' is not a known hazard", "study", remedy)
         sized = kind in _ROWS and _ROWS[kind].unit != ""
         if (size is not None) != sized:
             remedy = f"Give {kind}=5, for example" if sized else f"Give {kind} alone"

@@ -125,9 +125,9 @@ def test_two_outputs(tmp_path: Path) -> None:
     ("addition", "parts"),
     [
         ("[limits]\nrotation_deg = 50\n", ["[limits] rotation_deg = 50", "less than or equal to 30"]),
-        ("[limits]\nrotation_dge = 3\n", ["[limits] rotation_dge", "did you mean 'rotation_deg'?"]),
-        ("[limts]\n", ["'limts'", "did you mean 'limits'?"]),
-        ("[supervisor]\nhalt_after_ms = 1\n", ["halt_after_ms", "did you mean 'halt_after_s'?"]),
+        ("[limits]\nrotation_dge = 3\n", ["[limits] rotation_dge", "Did you mean 'rotation_deg'?"]),
+        ("[limts]\n", ["'limts'", "Did you mean 'limits'?"]),
+        ("[supervisor]\nhalt_after_ms = 1\n", ["halt_after_ms", "Did you mean 'halt_after_s'?"]),
         ("[supervisor]\nhalt_after_s = '1'\n", ["halt_after_s = '1'", "valid number"]),
         ("[supervisor]\nhalt_after_s = nan\n", ["halt_after_s = nan", "finite"]),
         ("[supervisor]\nprobation_s = 0\n", ["probation_s = 0", "greater than or equal to 0.1"]),
@@ -135,7 +135,7 @@ def test_two_outputs(tmp_path: Path) -> None:
         ("[control]\nxyzzy = 1\n", ["[control] xyzzy", "known: socket"]),
         (
             "[[output]]\nurl = 'relais:/dev/x'\n",
-            ["[output] entry 2 url = 'relais:/dev/x'", "Did you mean relay:/dev/x?"],
+            ["[output] entry 2 url = 'relais:/dev/x'", "Did you mean 'relay:/dev/x'?"],
         ),
         ("[[output]]\nport = 1\n", ["[output] entry 2 url is missing", "[output] entry 2 port is not known"]),
         ("[limits]\npoint_mm = 0.1\n", ["[limits] point_mm = 0.1", "greater than or equal to 0.5"]),
@@ -148,8 +148,8 @@ def test_two_outputs(tmp_path: Path) -> None:
         ("[limits.required_age_s]\nlatency = 0.0\n", ["[limits] required_age_s", "without polarity and latency"]),
         ("[limits.required_age_s]\noffset-axial = 121\n", ["offset-axial = 121", "max_verification_age_s = 120"]),
         ("[limits.required_age_s]\noffset-axial = -1\n", ["[limits] required_age_s offset-axial = -1"]),
-        ("[limits.required_age_s]\noffset-axail = 1\n", ["offset-axail", "did you mean 'offset-axial'?"]),
-        ("[limits.required_age_s]\noffset_axial = 1\n", ["offset_axial", "did you mean 'offset-axial'?"]),
+        ("[limits.required_age_s]\noffset-axail = 1\n", ["offset-axail", "Did you mean 'offset-axial'?"]),
+        ("[limits.required_age_s]\noffset_axial = 1\n", ["offset_axial", "Did you mean 'offset-axial'?"]),
         (f"[control]\nsocket = '/run/{'x' * 100}'\n", ["[control] socket", "100 bytes"]),
     ],
 )
@@ -213,8 +213,8 @@ def test_the_template_names_no_simulated_device() -> None:
 @pytest.mark.parametrize(
     ("good", "bad", "said"),
     [
-        ("[video]", "[vidoe]", "line 2: 'vidoe' is not known, did you mean 'video'?"),
-        ('url = "sim', 'ulr = "sim', "line 3: [video] ulr is not known, did you mean 'url'?"),
+        ("[video]", "[vidoe]", "line 2: 'vidoe' is not known. Did you mean 'video'?"),
+        ('url = "sim', 'ulr = "sim', "line 3: [video] ulr is not known. Did you mean 'url'?"),
         ("[[output]]", "[output]", "line 6: 'output': must be a list of sections, each written [[output]]"),
         ('[[output]]\nurl = "relay:/dev/ttyUSB1"', "output = 'relay:/x'", "line 6: [tracker] output is not known"),
         ('"ndi:/dev/ttyUSB0"', "5", "line 5: [tracker] url = 5: must be text in quotes"),
@@ -223,13 +223,13 @@ def test_the_template_names_no_simulated_device() -> None:
             '"relay:/dev/x"',
             f"'relay:' is an alarm output, not a tracker. Use one of {TRACKERS}",
         ),
-        ('"ndi:/dev/ttyUSB0"', '"/dev/ttyUSB0"', "Did you mean ndi:/dev/ttyUSB0?"),
+        ('"ndi:/dev/ttyUSB0"', '"/dev/ttyUSB0"', "Did you mean 'ndi:/dev/ttyUSB0'?"),
         (
             '"relay:/dev/ttyUSB1"',
             '"/dev/ttyUSB1"',
-            "Did you mean relay:/dev/ttyUSB1 or serialpin:/dev/ttyUSB1?pin=rts?",
+            "Did you mean 'relay:/dev/ttyUSB1' or 'serialpin:/dev/ttyUSB1?pin=rts'?",
         ),
-        ('"sim:/tmp/x/scanner"', '"/dev/video0"', "Did you mean v4l2:/dev/video0?"),
+        ('"sim:/tmp/x/scanner"', '"/dev/video0"', "Did you mean 'v4l2:/dev/video0'?"),
         ('"probe.toml"', '"probe.toml"\nlanguage = "de"', "[calibration] language is not known, it belongs in [alarm]"),
         (
             '"probe.toml"',

@@ -83,7 +83,7 @@ def test_every_mistake_is_one_line_and_exit_78(folder: Path) -> None:
     rows = result.stderr.splitlines()
     assert [row.split(": ")[0] for row in rows] == [f"{file}:{line}" for line in (3, 11, 12)]
     assert "[limits] rotation_deg = 50: input should be less than or equal to 30" in rows[1]
-    assert "did you mean 'scale_percent'?" in rows[2]
+    assert "Did you mean 'scale_percent'?" in rows[2]
 
 
 @pytest.mark.parametrize(

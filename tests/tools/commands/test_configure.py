@@ -120,7 +120,7 @@ def test_nothing_is_written_before_it_is_accepted(file: Path) -> None:
         (GIVEN[2:], "Give --video URL"),
         (GIVEN[:2] + GIVEN[4:], "Give --tracker URL"),
         ((*DEVICES, "--untried", "--yes"), "--calibration FILE, or --no-calibration"),
-        ((*GIVEN, "--video", "/dev/video0"), "Did you mean v4l2:/dev/video0"),
+        ((*GIVEN, "--video", "/dev/video0"), "Did you mean 'v4l2:/dev/video0'"),
         ((*GIVEN, "--contact", "relay:/dev/ttyUSB1?chanel=2"), "unknown option 'chanel'"),
         ((*GIVEN, "--lamp", "purple", "relay:/dev/ttyUSB1?channel=2"), "'purple' is not a lamp"),
         ((*GIVEN, "--lamp", "red", "relay:/dev/ttyUSB1"), "nothing was written"),

@@ -9,7 +9,7 @@ from tools.demo.script import FAULT_CLASS
 @pytest.mark.parametrize(
     ("arguments", "code", "said"),
     [
-        (["--fault", "flip@20"], 2, "'flip' is not a known fault, did you mean 'flip-lateral' or 'flip-vertical'?"),
+        (["--fault", "flip@20"], 2, "'flip' is not a known fault. Did you mean 'flip-lateral' or 'flip-vertical'?"),
         (["--fault", "depth"], 2, "such as depth@25"),
         (["--fault", "depth@nan"], 2, "needs a time in seconds"),
         (["--fault", "depth@20", "--duration", "30"], 78, "the last fault may need until 58 s"),

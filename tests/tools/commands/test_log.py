@@ -112,10 +112,10 @@ def test_what_is_shown_of_an_estimate_can_be_read(every: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
-        (["--state", "bogus"], "there are: self-test, "),
-        (["--state", "hlat"], "did you mean 'halt'?"),
-        (["--event", "overload"], "did you mean 'overloaded'?"),
-        (["--fault", "scales"], "did you mean 'scale'?"),
+        (["--state", "bogus"], "Use one of self-test, "),
+        (["--state", "hlat"], "Did you mean 'halt'?"),
+        (["--event", "overload"], "Did you mean 'overloaded' or 'overload-ended'?"),
+        (["--fault", "scales"], "Did you mean 'scale'?"),
     ],
 )
 def test_a_name_that_is_none_is_refused_with_those_that_are(folder: Path, arguments: list[str], told: str) -> None:

@@ -475,14 +475,14 @@ def test_an_unknown_fault_is_a_usage_error(session, calibration, fault):
 
 def test_a_sentence_ends_once_where_a_name_is_guessed() -> None:
     told = answered("replay", "a.igs.mha", "--inject", "flip").stderr
-    assert "did you mean 'flip-lateral' or 'flip-vertical'? Use bend-marker" in told
+    assert "Did you mean 'flip-lateral' or 'flip-vertical'? Use bend-marker" in told
 
 
 def test_a_recording_that_is_not_there_is_told_before_a_missing_option(tmp_path) -> None:
     for name in ("box.mcap", "box.mc.html"):
         (tmp_path / name).write_bytes(b"")
     answer = answered("replay", tmp_path / "box.mcp")
-    assert (answer.returncode, f"Did you mean {tmp_path}/box.mcap?" in answer.stderr) == (65, True), answer.stderr
+    assert (answer.returncode, f"Did you mean '{tmp_path}/box.mcap'?" in answer.stderr) == (65, True), answer.stderr
     assert "--calibration" not in answer.stderr
 
 

@@ -28,7 +28,7 @@ calibration.file = "probe.toml"
 @pytest.mark.parametrize(
     ("text", "part"),
     [
-        (GOOD + "[limits]\nscale_procent = 3\n", "did you mean 'scale_percent'?"),
+        (GOOD + "[limits]\nscale_procent = 3\n", "Did you mean 'scale_percent'?"),
         (GOOD.replace("sim:", "simm:"), "'simm:' is not a known device kind"),
         (GOOD + "[limits", "line"),
         (GOOD, "probe.toml"),

@@ -28,7 +28,7 @@ EXACT = Tracker(0.0, 0.0)
         ("bend-lateral=5@night", "not a manner"),
         ("latency=5@sudden@start", "not KIND=SIZE@MANNER"),
         ("latency=soon@sudden", "not KIND=SIZE@MANNER"),
-        ("bend-latral=6@start", "Did you mean bend-lateral"),
+        ("bend-latral=6@start", "Did you mean 'bend-lateral'?"),
         ("bend-lateral=600@start", "bend-lateral=600 is out of bounds. Give up to 90 deg"),
         ("latency=-50000", "up to 5000 ms"),
     ],

@@ -64,7 +64,7 @@ def test_a_mistake_in_the_file_does_not_hide_where_people_ask(tmp_path: Path) ->
     file.write_text(file.read_text() + "limits.scale_procent = 3\n")
     assert answered("run", "--config", file).returncode == 78
     shown = answered("status", "--socket", tmp_path / "control")
-    assert "line 8: [limits] scale_procent is not known, did you mean 'scale_percent'?" in shown.stderr
+    assert "line 8: [limits] scale_procent is not known. Did you mean 'scale_percent'?" in shown.stderr
 
 
 def test_the_refusal_is_for_the_group_and_goes_with_the_next_service(tmp_path: Path) -> None:
