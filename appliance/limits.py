@@ -154,7 +154,7 @@ class Limits(BaseModel):
         default=None, ge=0.5, le=50, description="error of a point, 99.7 %, that an OK may have; None: any, mm"
     )
     point_depth_mm: float | None = Field(
-        default=None, ge=0, le=400, description="depth for which the error of a point is told as well, mm"
+        default=None, ge=0, le=400, description="depth for which the error of a point is reported as well, mm"
     )
     region: Region = Region()
     required_age_s: RequiredAges = RequiredAges()

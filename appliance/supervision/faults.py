@@ -108,9 +108,9 @@ FAULT_ROWS: Mapping[Fault, FaultRow] = {
     ),
     Fault.POSE_CONVENTION: FaultRow(
         GROSS,
-        en=Texts("Tracker's axes do not fit", "Check the tool file and the tracker's export"),
+        en=Texts("Tracker's axis convention is wrong", "Check the tool file and the tracker's export"),
         de=Texts(
-            "Achsen des Trackers passen nicht",
+            "Achsenkonvention des Trackers falsch",
             "Werkzeugdatei und Export des Trackers prüfen",
             checks={
                 "poses-inverted": "Posen umgekehrt",
@@ -124,12 +124,12 @@ FAULT_ROWS: Mapping[Fault, FaultRow] = {
     Fault.EXCHANGED_PROBE: FaultRow(
         SCALE,
         en=Texts(
-            "Another probe than calibrated",
+            "Wrong probe: not the calibrated one",
             "Use the calibrated probe, or load this one's calibration",
             "Use the calibrated probe, or calibrate this one",
         ),
         de=Texts(
-            "Andere Sonde als kalibriert",
+            "Falsche Sonde: nicht die kalibrierte",
             "Kalibrierte Sonde nehmen oder Kalibrierung dieser Sonde laden",
             "Kalibrierte Sonde nehmen oder diese kalibrieren",
             checks={"exchanged-probe": "Andere Sonde"},
@@ -149,9 +149,9 @@ FAULT_ROWS: Mapping[Fault, FaultRow] = {
     ),
     Fault.UNDECIDED: FaultRow(
         PLAIN,
-        en=Texts("Something is wrong, not yet clear what", "Make the motion that shows which of the two it is"),
+        en=Texts("Fault found, cause undecided", "Make the motion that shows which of the two it is"),
         de=Texts(
-            "Falsch, noch unklar was",
+            "Fehler gefunden, Ursache unklar",
             "Die Bewegung machen, die zeigt, welches von beiden es ist",
             checks={"undecided": "Unentschieden"},
         ),
@@ -297,9 +297,9 @@ FAULT_ROWS: Mapping[Fault, FaultRow] = {
     ),
     Fault.POSE_UNUSABLE: FaultRow(
         UNSEEN,
-        en=Texts("What comes as a pose is none", "See the tracker's remarks; name the right tool"),
+        en=Texts("Tracker sends no valid pose", "See the tracker's remarks; name the right tool"),
         de=Texts(
-            "Was als Pose kommt, ist keine",
+            "Tracker liefert keine gültige Pose",
             "Hinweise des Trackers lesen; Werkzeug richtig nennen",
             checks={"pose usable": "Pose brauchbar"},
         ),

@@ -69,8 +69,8 @@ GERMAN = {text: german for row in FAULT_ROWS.values() for text, german in row.tr
     "not shown yet: {names}": "noch nicht gezeigt: {names}",
     "the picture does not continue the one that was verified": "das Bild setzt das bestätigte nicht fort",
     "too little in-plane motion to show: {names}": "zu wenig Bewegung in der Bildebene für: {names}",
-    "one of these is wrong, {margin} nat apart: {names}": "eines davon ist falsch, {margin} nat auseinander: {names}",
-    "to tell which: {motions}": "zur Unterscheidung: {motions}",
+    "cause undecided, {margin} nat apart: {names}": "Ursache unentschieden, {margin} nat auseinander: {names}",
+    "to decide: {motions}": "zur Unterscheidung: {motions}",
     "{name} is now {value} ± {sigma} {unit}, was {old} {unit}": (
         "{name} ist jetzt {value} ± {sigma} {unit}, war {old} {unit}"
     ),

@@ -258,7 +258,7 @@ def _no_table(names: list[str]) -> tuple[str, str]:
     if len(lacking) <= _MOST_LACKING:
         return f"lacks the column {' and '.join(lacking)}", f"Name its columns {wanted}"
     said = ", ".join(names[:_MOST_NAMES]) + (", …" if len(names) > _MOST_NAMES else "")
-    return f"has the columns {said}", f"Name them {wanted}; docs/black-box.md tells what they mean"
+    return f"has the columns {said}", f"Name them {wanted}; docs/black-box.md explains them"
 
 
 def _lacking(names: list[str], columns: tuple[str, ...]) -> list[str]:

@@ -63,7 +63,7 @@ def open_video(target: str, options: dict[str, str], clock: HostClock) -> "OpenC
     rate_hz = float(capture.get(cv2.CAP_PROP_FPS)) or math.nan
     if is_file and not _RATES_HZ[0] <= rate_hz <= _RATES_HZ[1]:
         capture.release()
-        raise DeviceLost("the file does not tell its picture rate", where, "Convert it, or record again")
+        raise DeviceLost("the file does not state its picture rate", where, "Convert it, or record again")
     return OpenCvVideo(capture, where, _Times(clock, is_file, rate_hz, delay_ms, error_ms), cut)
 
 

@@ -158,7 +158,7 @@ def test_an_answer_that_cannot_be_is_asked_again_and_nothing_is_written_before_i
         person.sees("Did you mean 'v4l2:/dev/video0'")
         person.sees("the scanner's picture")
         person.types(f"sim:{day.socket}-nobody")
-        person.sees("Take it all the same? [y/N]")
+        person.sees("Use it anyway? [y/N]")
         person.types("")
         person.sees("the scanner's picture")
         person.types(day.urls["video"])

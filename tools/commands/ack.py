@@ -12,7 +12,7 @@ from tools.shared.named_cart import socket_option
 
 @click.command()
 @socket_option
-@click.option("--bump", is_flag=True, help="say instead that the tracker's position sensor was checked after a blow")
+@click.option("--bump", is_flag=True, help="record instead that the tracker's position sensor was checked after a bump")
 def command(control_socket: Path, bump: bool) -> None:
     """Acknowledge the alarm: it falls silent now.
 
@@ -29,13 +29,13 @@ def command(control_socket: Path, bump: bool) -> None:
     with ControlClient(control_socket) as client:
         if bump:
             client.clear_bump()
-            click.echo("the tracker's position sensor counts as checked")
+            click.echo("the tracker's bump alert is cleared")
             return
         click.echo(f"acknowledged · {_acknowledged(client)}")
         status = client.status()
         click.echo(f"now · {status['state']}: {status['reason']}")
         if status["latched"] is not None and not status["acknowledged"]:
-            click.echo("that is another alarm, which nobody has acknowledged yet")
+            click.echo("this is another alarm; it has not been acknowledged yet")
         elif status["latched"] is not None:
             click.echo("it ends once the calibration is verified again: move the probe over tissue, or recalibrate")
 

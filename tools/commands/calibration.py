@@ -39,7 +39,7 @@ from tools.shared.tables import FittingTable
 from tools.shared.verification import accepted, ask, await_verification, recalibrating, reporting_change
 
 _HEADINGS = ("no.", "", "since, UTC", "origin", "verified", "file", "SHA-256")
-_YES = click.option("--yes", is_flag=True, help="accept the difference that is stated, without being asked")
+_YES = click.option("--yes", is_flag=True, help="accept the difference shown without confirmation")
 # Time to take up the probe and sweep; the service itself needs up to 10 s of motion
 # (tests/appliance/core/test_line.py).
 _WAIT = click.option("--wait", "wait_s", default=120.0, show_default=True, type=click.FloatRange(1, 3600), help="in s")
@@ -80,10 +80,10 @@ def list_references(folder: Path, as_json: bool) -> None:
     Console(file=sys.stdout, highlight=False).print(FittingTable(_HEADINGS, rows), crop=False)
 
 
-@command.command(short_help="what is known of one reference")
+@command.command(short_help="show one reference in full")
 @click.argument("number", type=int, required=False)
 @folder_option
-@click.option("--content", is_flag=True, help="print the calibration file itself, as it was taken")
+@click.option("--content", is_flag=True, help="print the calibration file itself, byte for byte")
 def show(number: int | None, folder: Path, content: bool) -> None:
     """Everything that is known of reference NUMBER, or of the one in force: also who made and signed it, and until when
     it holds. What is missing, a placeholder, or a date that cannot be, is told in lines that begin with "!".
@@ -157,7 +157,7 @@ def diff(before: str, after: str, folder: Path, as_json: bool) -> None:
     _print(change)
     if is_beyond:
         whose = "that probewatch ships with; --config names a cart's" if cart is None else "of the cart"
-        click.echo(f"beyond the limits of the checks {whose}: a service takes it only when a person accepts it")
+        click.echo(f"beyond the limits of the checks {whose}: a person must accept it before a service uses it")
 
 
 @command.command(short_help="give a file to the service as its reference")
@@ -195,7 +195,9 @@ def back(number: int, control_socket: Path, yes: bool, wait_s: float) -> None:
 @click.argument("source")
 @click.option("--output", required=True, type=click.Path(path_type=Path), help="new file, .xml or .tfm")
 @click.option("--probe", default="Probe", show_default=True, help="name of the marker body in the device set")
-@click.option("--image-size", nargs=2, type=click.IntRange(16, 16_384), help="of SOURCE, where it does not say")
+@click.option(
+    "--image-size", nargs=2, type=click.IntRange(16, 16_384), help="of SOURCE, where the file does not state it"
+)
 @folder_option
 def export(source: str, output: Path, probe: str, image_size: tuple[int, int] | None, folder: Path) -> None:
     """Write SOURCE, the number of a reference or a file, for another program.
@@ -217,7 +219,7 @@ def export(source: str, output: Path, probe: str, image_size: tuple[int, int] | 
     click.echo(f"written: {output}")
 
 
-@command.command(short_help="write what motion says the calibration has become")
+@command.command(short_help="write the calibration that motion has measured")
 @click.option("--output", required=True, type=click.Path(path_type=Path), help="new file, .toml")
 @socket_option
 def recover(output: Path, control_socket: Path) -> None:
@@ -249,7 +251,7 @@ def _why(status: dict[str, Any]) -> str:
     )
 
 
-@command.command(name="import", short_help="make our file of a PLUS .xml or a .tfm of 3D Slicer")
+@command.command(name="import", short_help="convert a PLUS .xml or a 3D Slicer .tfm to a calibration file")
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option("--output", required=True, type=click.Path(path_type=Path), help="new file, .toml")
 @click.option("--image-size", nargs=2, type=click.IntRange(16, 16_384), help="width and height, px [PLUS's clip]")
@@ -292,14 +294,16 @@ def reset(folder: Path, control_socket: Path, yes: bool) -> None:
     """
     _refuse_running(control_socket)
     with stopped_saying("nothing was changed"):
-        ask(f"Set aside what is known of the reference in {folder}?", yes)
+        ask(f"Set the history of the reference in {folder} aside?", yes)
     try:
         kept = set_aside(folder)
     except OSError as error:
         what = f"cannot be set aside ({error.strerror})"
-        raise ConfigurationError(what, str(folder / FOLDER), "Ask as the service's user, or as root") from None
-    click.echo("nothing was kept there" if kept is None else f"kept as {kept}")
-    click.echo("at its next start the service begins with the configuration's file, unverified")
+        raise ConfigurationError(
+            what, str(folder / FOLDER), "Run the command as the service's user, or as root"
+        ) from None
+    click.echo("the folder holds no history" if kept is None else f"kept as {kept}")
+    click.echo("at its next start the service uses the calibration file of the configuration, not verified")
 
 
 def _change(wanted: Path | int, socket: Path, yes: bool, wait_s: float) -> None:
@@ -340,7 +344,7 @@ def _refuse_running(socket: Path) -> None:
 def _history(folder: Path) -> History:
     history = read_history(folder)
     if history is None or not history.entries:
-        what = "no reference was kept here yet"
+        what = "holds no reference yet"
         remedy = "A new cart has none before its first scan: probewatch recalibrate --live --solve all; of another cart"
         raise ConfigurationError(what, str(folder), f"{remedy} name --config, or --folder")
     return history

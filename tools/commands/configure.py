@@ -40,7 +40,7 @@ _WORDS = {
 _PROFILES: dict[Profile, str] = {
     "coarse": "3 deg, 5 %, 4 mm, 60 ms: finds a wrong or bent marker body, cable, depth; the one to begin with",
     "clinical": "1.5 deg, 3 %, 2.5 mm, 30 ms, a point within 4 mm: optical tracker, phantom; open more often",
-    "fine": "1 deg, 2 %, 1.5 mm, 20 ms, a point within 2.5 mm: never verified by this version; for trials",
+    "fine": "1 deg, 2 %, 1.5 mm, 20 ms, a point within 2.5 mm: this version never verifies it; for trials",
 }
 _LAMPS = [role.value for role in Role if role is not Role.CONTACT]
 _HELP = """Write the configuration of this cart, without an editor.
@@ -74,7 +74,7 @@ class _Person:
     def ask(self, question: str, default: str, option: str) -> str:
         """Raises ConfigurationError where nobody can be asked."""
         if not self.is_there:
-            raise ConfigurationError("nobody can be asked", question, f"Give {option}")
+            raise ConfigurationError("needs an answer, and there is no terminal", question, f"Give {option}")
         return str(click.prompt(question, default=default or None, show_default=bool(default))).strip()
 
     def misplaced(self, file: Path) -> str:
@@ -84,7 +84,7 @@ class _Person:
     def agrees(self, question: str, default: bool, option: str) -> bool:
         """Raises ConfigurationError where nobody can be asked."""
         if not self.is_there:
-            raise ConfigurationError("nobody can be asked", question, f"Give {option}")
+            raise ConfigurationError("needs an answer, and there is no terminal", question, f"Give {option}")
         return click.confirm(question, default=default)
 
 
@@ -94,14 +94,14 @@ class _Person:
 @click.option("--tracker", help="URL of the tracker")
 @click.option("--contact", help="URL of the output that drives the contact")
 @click.option("--lamp", "lamps", nargs=2, multiple=True, metavar="SIGNAL URL", help=f"{', '.join(_LAMPS)}; repeatable")
-@click.option("--calibration", help="the first reference: our TOML, or a PLUS device set")
+@click.option("--calibration", help="the first reference: a probewatch TOML file or a PLUS device set")
 @click.option("--calibration-probe", "probe", help="its marker body in a device set, or LeftImageToProbe [Probe]")
-@click.option("--no-calibration", "without", is_flag=True, help="there is none yet: the first is scanned on this cart")
+@click.option("--no-calibration", "without", is_flag=True, help="no calibration yet: it is scanned on this cart")
 @click.option("--profile", type=click.Choice(list(PROFILES)), help="how much the calibration may be off at an OK")
 @click.option("--language", type=click.Choice(["en", "de"]), help="of the operator's texts")
-@click.option("--untried", is_flag=True, help="do not try scanner and tracker")
-@click.option("--fresh", is_flag=True, help="begin with the template, not with what FILE says")
-@click.option("--yes", is_flag=True, help="write it without asking")
+@click.option("--untried", is_flag=True, help="skip the test of scanner and tracker")
+@click.option("--fresh", is_flag=True, help="start from the template, not from FILE")
+@click.option("--yes", is_flag=True, help="write FILE without confirmation")
 def command(
     file: Path,
     video: str | None,
@@ -170,8 +170,8 @@ def _known(text: str, file: Path) -> Config:
     except ConfigurationError as error:
         for row in rows(error):
             click.echo(row, err=True)
-        remedy = "Mend it in an editor (probewatch check), or start over with --fresh"
-        raise ConfigurationError("cannot be used as it is, and is left alone", str(file), remedy) from None
+        remedy = "Correct it in an editor (see: probewatch check), or start over with --fresh"
+        raise ConfigurationError("is invalid and was not changed", str(file), remedy) from None
 
 
 @dataclass(frozen=True, slots=True)
@@ -227,7 +227,7 @@ class _Device:
             return None
         except ProbewatchError as error:
             click.echo(f"! {error}")
-            return url if person.agrees("Take it all the same?", False, "--untried") else None
+            return url if person.agrees("Use it anyway?", False, "--untried") else None
         return url
 
     def with_files(self, url: str, person: _Person) -> str:
@@ -293,7 +293,7 @@ def _try(url: str, kind: str) -> None:
     if measured.end is not None:
         raise measured.end
     if not measured.samples:
-        raise DeviceLost(f"nothing came within {_TRIAL_S:g} s", url, "Check that it is switched on and measures")
+        raise DeviceLost(f"nothing came within {_TRIAL_S:g} s", url, "Check that the device is on and measuring")
 
 
 def _connected(kind: str, taken: str = "") -> Iterator[tuple[str, str]]:
@@ -351,7 +351,9 @@ def _refuse_calibration(place: CalibrationPlace, file: Path, person: _Person) ->
     for mistake in mistakes:
         click.echo(mistake, err=True)
     if mistakes:
-        raise ConfigurationError("nothing was written", f"--calibration {file}", "Name another, or --no-calibration")
+        raise ConfigurationError(
+            "nothing was written", f"--calibration {file}", "Name another file, or give --no-calibration"
+        )
 
 
 def _calibration(
@@ -366,7 +368,7 @@ def _calibration(
     if given is not None:
         return None if given == "none" else str(_whole(given))
     if person.is_there:
-        click.echo("\nA calibration that you have: our TOML, or a PLUS device set (XML); none: scan it on this cart")
+        click.echo("\nCalibration file (probewatch TOML or PLUS device set, XML), or none: scan it on this cart")
     option = "--calibration FILE, or --no-calibration"
     while (said := person.ask("calibration", str(before or "none"), option)) != "none":
         file = _whole(said)
@@ -402,7 +404,7 @@ def _checked(base: str, answers: Answers, file: Path) -> str:
     for mistake in mistakes:
         click.echo(mistake, err=True)
     if mistakes:
-        raise ConfigurationError("nothing was written", str(file), "Answer otherwise, or start over with --fresh")
+        raise ConfigurationError("nothing was written", str(file), "Change your answers, or start over with --fresh")
     for remark in (*calibration_remarks(new, file), *remarks_on_limits(config_of(new, file).limits)):
         click.secho(remark, err=True, fg="yellow")
     return new
@@ -414,7 +416,7 @@ def _write(file: Path, before: str | None, new: str, yes: bool, person: _Person)
     Raises ConfigurationError where it cannot be, click.Abort where the person does not want it.
     """
     if new == before:
-        click.echo(f"{file} says all that already; nothing was written")
+        click.echo(f"{file} is already up to date; nothing was written")
         return False
     click.echo(f"\n{file}, what changes:" if before is not None else f"\n{file} is new:")
     for line in _difference((before or "").splitlines(), new.splitlines()):
@@ -422,7 +424,7 @@ def _write(file: Path, before: str | None, new: str, yes: bool, person: _Person)
     if not yes and not person.agrees("Write it?", True, "--yes"):
         raise click.Abort
     if (configuration_text(file) if file.exists() else None) != before:
-        raise ConfigurationError("was changed by somebody else meanwhile", str(file), "Run the command again")
+        raise ConfigurationError("was changed by another program meanwhile", str(file), "Run the command again")
     target = file.resolve()
     with writing(target) as stream:
         if target.exists():  # who may read it, and whose it is, stays: a URL may hold a password
@@ -444,10 +446,12 @@ def _difference(before: list[str], new: list[str]) -> list[str]:
 
 def _tell_next(file: Path, was_configured: bool, contact: str) -> None:
     if was_configured:
-        click.echo("take it into use: sudo systemctl restart probewatch")
+        click.echo("to apply it: sudo systemctl restart probewatch")
     else:
-        click.echo("a service that waited for it starts by itself; see: probewatch status")
-    click.echo(f"hear the contact while nobody relies on it and no service runs: probewatch probe '{contact}' --click")
+        click.echo("a service that was waiting for it starts by itself; see: probewatch status")
+    click.echo(
+        f"to test the contact, when it is not in use and no service is running: probewatch probe '{contact}' --click"
+    )
     config = config_of(configuration_text(file), file)
     if config.calibration.file is None:
         click.echo(f"no calibration yet? scan it: probewatch recalibrate --live --solve all --config {file}")

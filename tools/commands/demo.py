@@ -66,10 +66,19 @@ def _tissue(_context: click.Context, _option: click.Parameter, name: str) -> str
     "--fault", "faults", multiple=True, callback=_faults, metavar="NAME@SECONDS", help="repeatable; see above"
 )
 @click.option("--duration", "duration_s", type=click.FloatRange(15, 86_400), help="end after so many seconds")
-@click.option("--speed", default=1.0, show_default=True, type=click.FloatRange(0.25, 4), help="cart seconds per second")
-@click.option("--seed", default=1, show_default=True, type=click.IntRange(0), help="of tissue, motion and noise")
+@click.option(
+    "--speed", default=1.0, show_default=True, type=click.FloatRange(0.25, 4), help="simulated seconds per second"
+)
+@click.option(
+    "--seed", default=1, show_default=True, type=click.IntRange(0), help="random seed of tissue, motion and noise"
+)
 @click.option("--tissue", default=RIGID, show_default=True, callback=_tissue, help="what is scanned; see below")
-@click.option("--openigtlink", "served", is_flag=True, help="the service sees both through an OpenIGTLink server")
+@click.option(
+    "--openigtlink",
+    "served",
+    is_flag=True,
+    help="serve pictures and poses to the service through an OpenIGTLink server",
+)
 @json_option
 def command(
     faults: list[tuple[str, float]],

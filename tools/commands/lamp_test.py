@@ -24,6 +24,6 @@ def command(control_socket: Path) -> None:
     if not shown:
         click.echo("this service has no lamp and no tone, only the contact; see [[output]] in its configuration")
         return
-    click.echo("for five seconds these must show or sound:")
+    click.echo("for five seconds these must light up or sound:")
     for output in shown:
         click.echo(f"  {output['signal']:8} {output['url']}")

@@ -28,7 +28,9 @@ temporal calibration. The estimator's own sigma is of the motion alone.
 )
 @click.option("--probe", help="tool on the probe, as the transforms name it [Probe]")
 @click.option("--reference", help="reference tool; Tracker for none [Reference, where recorded]")
-@click.option("--orientation", help="how pictures are stored, where the file does not say: MF, MN, UF or UN")
+@click.option(
+    "--orientation", help="orientation of stored pictures, where the file does not state it: MF, MN, UF or UN"
+)
 def command(
     recording: Path,
     poses: Path | None,

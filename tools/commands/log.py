@@ -49,7 +49,7 @@ def _one_of(words: Iterable[str]) -> Callable[[click.Context, click.Parameter, s
 @click.option("--fault", callback=_one_of(Fault), help="entries that name this fault only, such as polarity")
 @click.option("--event", callback=_one_of(Event), help=f"one kind only: {', '.join(Event)}")
 @click.option("--last", type=click.IntRange(1), metavar="N", help="the last N that match")
-@click.option("--verify", is_flag=True, help="only say whether the chain is whole")
+@click.option("--verify", is_flag=True, help="only check that the hash chain is intact")
 @click.option("--csv", "csv_path", type=click.Path(path_type=Path), help="write the entries to this new file")
 def command(
     folder: Path,
@@ -83,7 +83,7 @@ def command(
         ]
         shown = wanted if last is None else wanted[-last:]
         if not shown:
-            click.echo(f"none of {len(reading.entries)} entries is what was asked for", err=True)
+            click.echo(f"none of the {len(reading.entries)} entries matches", err=True)
         if csv_path is None:
             for entry in shown:
                 click.echo(_line(entry))
@@ -100,7 +100,7 @@ def _refuse_contradictions(
     if verify and any(one is not None for one in (*span, *chosen)):
         raise click.UsageError("--verify looks at the whole log and writes nothing: leave the other options out")
     if since is not None and until is not None and until < since:
-        raise click.UsageError("--until is before --since: nothing lies between")
+        raise click.UsageError("--until is before --since")
 
 
 def _within(entry: Entry, since: datetime | None, until: datetime | None) -> bool:

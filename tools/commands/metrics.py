@@ -26,8 +26,8 @@ _MOST_PORT = 65535  # of TCP
 @click.command()
 @socket_option
 @click.option("--listen", default=_LISTEN, show_default=True, help="HOST:PORT that Prometheus asks")
-@click.option("--host", "hosts", multiple=True, help="another name by which Prometheus calls this computer")
-@click.option("--no-http", is_flag=True, help="listen nowhere; write the file only")
+@click.option("--host", "hosts", multiple=True, help="another host name under which Prometheus reaches this computer")
+@click.option("--no-http", is_flag=True, help="do not listen; write the file only")
 @click.option(
     "--textfile",
     type=click.Path(dir_okay=False, path_type=Path),
@@ -71,7 +71,7 @@ def command(
         click.echo(text.decode(), nl=False)
         sys.exit(69 if b"\nprobewatch_up 0.0\n" in text else 0)
     if no_http and textfile is None:
-        raise click.UsageError("--no-http without --textfile leaves nothing to do")
+        raise click.UsageError("--no-http needs --textfile")
     check_replaceable(textfile, _METRICS_BEGIN)
     stop = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):

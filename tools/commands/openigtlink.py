@@ -83,7 +83,7 @@ def command(
     ):
         click.echo(f"listening at {endpoint_text(*server.address)}")
         if not _is_loopback(host):
-            words = "whoever reaches this address may read the state, as OpenIGTLink knows no password"
+            words = "anyone who reaches this address can read the state: OpenIGTLink has no password"
             click.echo(f"probewatch: {words}", err=True)
         server.run(stop)
 

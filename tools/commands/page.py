@@ -44,7 +44,7 @@ def _name() -> str:
 @click.option("--socket", "control", type=click.Path(path_type=Path), help="control socket [of the configuration]")
 @click.option("--feed", type=click.Path(path_type=Path), help="socket of the feed [beside the control socket]")
 @click.option("--listen", default=_LISTEN, show_default=True, help="HOST:PORT; port 0 takes a free one")
-@click.option("--host", "hosts", multiple=True, help="another name by which browsers call this computer")
+@click.option("--host", "hosts", multiple=True, help="another host name under which browsers reach this computer")
 @click.option("--cart", default=_name, help="name of this cart on the page; the host's name unless given")
 @click.option("--folder", type=click.Path(file_okay=False, path_type=Path), help="for new calibrations [.]")
 @click.option("--door", type=click.Path(path_type=Path), help=f"socket on which --token asks the page [{_DOOR}]")

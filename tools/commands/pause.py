@@ -12,7 +12,7 @@ from tools.shared.named_cart import socket_option
 @click.command()
 @click.argument("seconds", type=click.FloatRange(1, 120), default=120)
 @click.option("--off", "reason", metavar="REASON", help="switch the sound off until --on; it reminds once a minute")
-@click.option("--on", is_flag=True, help="let it sound again")
+@click.option("--on", is_flag=True, help="switch the sound on again")
 @socket_option
 def command(control_socket: Path, seconds: float, reason: str | None, on: bool) -> None:
     """Pause the alarm sound for SECONDS, 120 at most. Lamps and the contact stay as they are.
@@ -29,7 +29,7 @@ def command(control_socket: Path, seconds: float, reason: str | None, on: bool) 
     with ControlClient(control_socket) as client:
         if on:
             client.audio_on()
-            click.echo(f"the alarm may sound again{_without_tone(client)}")
+            click.echo(f"the alarm sound is on again{_without_tone(client)}")
         elif reason is not None:
             client.audio_off(reason)
             click.echo(
@@ -43,4 +43,4 @@ def command(control_socket: Path, seconds: float, reason: str | None, on: bool) 
 def _without_tone(client: ControlClient) -> str:
     """A remark on a cart that has no tone: it was silent before, and stays so."""
     signals = {output["signal"] for output in client.status()["outputs"]}
-    return "" if Role.TONE.value in signals else "; this cart has no tone: nothing sounds in any case"
+    return "" if Role.TONE.value in signals else "; this cart has no tone output"

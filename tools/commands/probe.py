@@ -23,7 +23,7 @@ _READ_S = 0.2
 """For which a read waits, and by which the measurement may last longer than was asked."""
 _HELD_S = 1.0
 _LOOSE_BOUND_MS = 10.0
-"""Of the error of the time: it takes from the room on either side of the latency's limit, 60 ms as shipped."""
+"""Of the timestamp error: it takes from the room on either side of the latency's limit, 60 ms as shipped."""
 _MANY_LOST = 0.02
 """Share of the samples. Less complains of a host that was busy once; more is silent about a line that is too slow. Not
 measured.
@@ -63,14 +63,14 @@ class Measured:
 _HELP = """Connect to the device at URL, measure for some seconds, and say what it is and how well it does.
 
 A source that may give both is asked for both, unless --only names one. The last line of each is one word: good;
-poor, for what is marked with "!"; or nothing, and why.
+poor, if lines are marked with "!"; or nothing, and why.
 
 \b
 Examples:
   probewatch probe v4l2:/dev/video0
   probewatch probe 'ndi:/dev/ttyUSB0?probe=/etc/probewatch/probe.rom'
   probewatch probe igtl://plus-host:18944?probe=Probe --only poses
-  probewatch probe relay:/dev/ttyUSB1 --click     # only while nobody relies on the contact
+  probewatch probe relay:/dev/ttyUSB1 --click     # only while the contact is not in use
 
 Exit code 0 when it works, poorly too; else that of the fault: 69 the device is lost, or it or its half of a cart
 gives nothing to use, 76 it breaks its protocol, 78 the URL can never work, 65 the recording cannot be read.
@@ -102,13 +102,13 @@ def command(url: str | None, seconds: float, only: str | None, may_click: bool) 
 
 def _probe_output(url: str, may_click: bool, clock: HostClock) -> None:
     if not may_click:
-        remedy = "Add --click when nobody relies on the contact"
+        remedy = "Add --click while the contact is not in use"
         raise ConfigurationError("probing an output moves its contact", url, remedy)
     with open_output(url, clock) as output:
         _print(_description(output))
         said = [_click(output, energised, url, clock) for energised in (True, False)]
     if None in said:
-        click.echo("! nothing confirms that the contact moved. Look at it, or listen for two clicks")
+        click.echo("! no feedback confirms that the contact moved. Watch it, or listen for two clicks")
 
 
 def _click(output: AlarmOutput, energised: bool, url: str, clock: HostClock) -> bool | None:
@@ -118,9 +118,9 @@ def _click(output: AlarmOutput, energised: bool, url: str, clock: HostClock) -> 
     took_ms = (clock.now_ns() - asked_ns) / 1e6
     said = output.read_back()
     if said not in (None, energised):
-        what = f"the contact was told to be {word}, and reads back {'closed' if said else 'open'}"
+        what = f"the contact was commanded {word}, but reads back {'closed' if said else 'open'}"
         raise DeviceLost(what, url, "Check the wiring of the contact and of what reads it back")
-    told = "told, not confirmed" if said is None else "confirmed"
+    told = "commanded, not confirmed" if said is None else "confirmed"
     _print([(f"contact {word} in", f"{took_ms:.1f} ms, {told}")])
     time.sleep(_HELD_S * energised)
     return said
@@ -187,7 +187,7 @@ def _tell(opened: TrackerSource | VideoSource, url: str, seconds: float, clock: 
         what = f"nothing to use came within {seconds:g} s"
         remedy = told.remedy if told is not None and absent else _MEND[_usual_status(measured)]
         raise DeviceLost(f"{what}: {absent}" if absent else what, url, remedy)
-    click.echo("poor, for what is marked with !" if found else "good")
+    click.echo("poor, see the lines marked with !" if found else "good")
 
 
 def measure(source: TrackerSource | VideoSource, seconds: float, clock: HostClock) -> Measured:
@@ -243,8 +243,8 @@ def _time_rows(quality: TimeQuality) -> list[Row]:
     jitter = "not to be told" if math.isnan(quality.jitter_ms) else f"{quality.jitter_ms:.2f} ms"
     return [
         ("rate", f"{quality.rate_hz:.2f} per second, the device counts {quality.step} for each"),
-        ("error of the time", f"median ± {quality.bound_ms:.2f} ms, at worst ± {quality.worst_bound_ms:.2f} ms"),
-        ("jitter of the time", jitter),
+        ("timestamp error", f"median ± {quality.bound_ms:.2f} ms, at worst ± {quality.worst_bound_ms:.2f} ms"),
+        ("timestamp jitter", jitter),
         ("delay", f"{quality.delay_ms:.1f} ms from measurement to arrival, at worst {quality.worst_delay_ms:.1f} ms"),
         ("gaps", f"{quality.gaps}, {quality.lost} samples lost in them; longest step {quality.longest_ms:.0f} ms"),
     ]
@@ -262,7 +262,7 @@ def complaints(measured: Measured, time_remedy: str = "") -> Iterator[str]:
     places_mm = [float(np.linalg.norm(pose.matrix[:3, 3])) for pose in measured.poses if pose.matrix is not None]
     far_mm = max(places_mm, default=math.inf)
     if far_mm <= NEAREST_MM:
-        yield f"all poses lie within {far_mm:.2g} mm of the origin. Have the sender tell mm; it may tell metres"
+        yield f"all poses lie within {far_mm:.2g} mm of the origin. Have the sender use mm; it may use metres"
     quality = time_quality(measured.samples, measured.arrivals_ns)
     if quality is not None and quality.bound_ms > _LOOSE_BOUND_MS:
         known = f"the time is known only to ± {quality.bound_ms:.0f} ms in the median"
@@ -287,8 +287,8 @@ _MEND: dict[PoseStatus | None, str] = {
     PoseStatus.MISSING: "Bring the tool into view, and clear the way between it and the tracker",
     PoseStatus.STALE: "Check that the tracker measures; start it again if it does",
     PoseStatus.DISABLED: "Plug the tool in, or correct its number or definition in the URL",
-    PoseStatus.FAULT: "Remove what the tracker complains of",
-    PoseStatus.NOT_UNDERSTOOD: "See what the sender computes for this tool: a rigid transform in mm is asked for",
+    PoseStatus.FAULT: "Clear the condition that the tracker reports",
+    PoseStatus.NOT_UNDERSTOOD: "Check the transform that the sender computes for this tool: it must be rigid, in mm",
 }
 
 

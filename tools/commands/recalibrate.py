@@ -80,7 +80,9 @@ _RECORDED_ALONE = (
 _LIVE_ALONE = ("--latency-first", "--unchecked", "--feed", "--folder")
 _SIMULATED_ALONE = ("--seed", "--duration")
 _RECORDING_ALONE = ("--reference", "--orientation")
-_NOBODY = "nothing was begun: nobody can be asked here. Give --probe, --preset, --made-by, --signed-by and --role"
+_NOBODY = (
+    "no scan was started: there is no terminal to ask at. Give --probe, --preset, --made-by, --signed-by and --role"
+)
 _COMPONENTS = ("offset lateral", "offset axial", "ζ (elevational)")
 
 _HELP = """Scan a cross-wire, solve ζ, write a new calibration, and let the service verify it.
@@ -134,7 +136,9 @@ class _Reference:
 @click.option("--recording", type=click.Path(path_type=Path), help="the scan: a PLUS sequence, .igs.mha or .mhd")
 @click.option("--probe", help="tool on the probe, as the recording names it [Probe]")
 @click.option("--reference", help="reference tool of the recording; Tracker for none")
-@click.option("--orientation", help="how pictures are stored, where the recording does not say: MF, MN, UF or UN")
+@click.option(
+    "--orientation", help="orientation of stored pictures, where the recording does not state it: MF, MN, UF or UN"
+)
 @click.option(
     "--latency-ms",
     type=click.FloatRange(-500, 500),
@@ -151,7 +155,10 @@ class _Reference:
     help="ζ, all of t_x, or all eight parameters",
 )
 @click.option(
-    "--strike", multiple=True, type=click.IntRange(1), help="view to leave out, by number from 1; repeatable; with all"
+    "--strike",
+    multiple=True,
+    type=click.IntRange(1),
+    help="number of a view to leave out, from 1; repeatable; with all",
 )
 @click.option("--review", is_flag=True, help="list every view, not the furthest off alone; with all")
 @click.option("--estimate", type=click.Path(path_type=Path), help="of replay --estimate, to compare with; with all")
@@ -169,8 +176,8 @@ class _Reference:
 )
 @click.option("--made-by", help="who scanned [user of this computer]")
 @click.option("--signed-by", default="", help="second person, who signs")
-@click.option("--role", default="", help="of that person")
-@click.option("--comment", default="", help="of that person")
+@click.option("--role", default="", help="of the second person")
+@click.option("--comment", default="", help="of the second person")
 @click.option("--reason", default="", help="for the calibration")
 @click.option("--probe-serial", default="", help="serial number of the probe")
 @click.option("--preset", default="", help="preset of the scanner")
@@ -178,7 +185,7 @@ class _Reference:
 @click.option("--expires", type=DAY, help="day after which not to use it")
 @click.option("--sigma-mm", default=0.5, show_default=True, type=click.FloatRange(0.01, 5), help="largest ± accepted")
 @click.option(
-    "--live", is_flag=True, help="scan on the running cart; asks for what is not given, or with --signed-by nobody"
+    "--live", is_flag=True, help="scan on the running cart; asks for missing options, except with --signed-by"
 )
 @click.option("--latency-first", is_flag=True, help="with --live: measure first how late the tracker is")
 @click.option("--unchecked", default="", help="with --live --signed-by: why no check at another point is made")
@@ -247,7 +254,7 @@ def command(
             _day(due),
             _day(expires),
         )
-        nobody = unchecked or "nobody was asked (--signed-by)"
+        nobody = unchecked or "no confirmation was asked for (--signed-by)"
         signature = Signature(signed_by, role, comment, unchecked=nobody) if signed_by else None
         _refuse_signed(chosen, signature)
         service = _live_service(config_file, socket, feed, folder)
@@ -326,7 +333,7 @@ def _refuse_signed(chosen: Begin, signature: Signature | None) -> None:
         SignOff(chosen.technician, due=chosen.due, expires=chosen.expires).check()
         return
     if not (chosen.probe.strip() and chosen.preset.strip()):
-        raise click.UsageError("--signed-by asks nobody: give --probe and --preset, too")
+        raise click.UsageError("with --signed-by no questions are asked: give --probe and --preset, too")
     signed_by_both(chosen, signed(signature)).check()
 
 
@@ -368,7 +375,7 @@ def _live_service(config_file: Path | None, socket: Path | None, feed: Path | No
         begun = client.status().get("recalibration")
     if begun and begun["ended"] is None:
         what = f"{begun['who']} has recalibrated for {begun['since_s']:.0f} s"
-        raise ControlRefused(what, str(control), "Wait, or have it ended there")
+        raise ControlRefused(what, str(control), "Wait, or end it there")
     return service
 
 
@@ -527,7 +534,7 @@ def _hand_over(client: ControlClient, target: Path, yes: bool) -> None:
 
 def _conclude(client: ControlClient | None, socket: Path | None, target: Path, wait_s: float) -> None:
     if client is None or socket is None:
-        click.echo(f"no service was told; give it to one with: probewatch calibration use {target}")
+        click.echo(f"no service was notified; to use the file: probewatch calibration use {target}")
         return
     await_verification(client, socket, wait_s)
     click.echo("the service has verified the new calibration and monitors again; it is in force, also after a restart")

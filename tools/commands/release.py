@@ -20,7 +20,7 @@ from tools.shared.named_cart import ENVIRONMENT
     envvar=ENVIRONMENT,
     show_envvar=True,
     type=click.Path(dir_okay=False, path_type=Path),
-    help="the configuration whose outputs are meant",
+    help="the configuration that lists the outputs",
 )
 def command(config_file: Path) -> None:
     """De-energise every alarm output of the configuration, for devices that hold their level without the service.

@@ -65,8 +65,13 @@ def _episode(text: str) -> Episode:
 
 @click.command(name="replay")
 @click.argument("recordings", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option("--calibration", type=click.Path(path_type=Path), help="our .toml or a PLUS device set")
-@click.option("--config", "config_path", type=click.Path(path_type=Path), help="judge as the cart with this file would")
+@click.option("--calibration", type=click.Path(path_type=Path), help="a probewatch .toml or a PLUS device set")
+@click.option(
+    "--config",
+    "config_path",
+    type=click.Path(path_type=Path),
+    help="use the limits and times of this cart configuration",
+)
 @click.option("--poses", type=click.Path(path_type=Path), help="sequence or .csv with the poses, if recorded apart")
 @click.option(
     "--inject",
@@ -84,7 +89,9 @@ def _episode(text: str) -> Episode:
 )
 @click.option("--probe", help="tool on the probe, as the transforms name it [Probe]")
 @click.option("--reference", help="reference tool; Tracker for none [Reference, where recorded]")
-@click.option("--orientation", help="how pictures are stored, where the file does not say: MF, MN, UF or UN")
+@click.option(
+    "--orientation", help="orientation of stored pictures, where the file does not state it: MF, MN, UF or UN"
+)
 @click.option(
     "--jobs", default=1, show_default=True, type=click.IntRange(1, 512), help="processes for several recordings"
 )
@@ -265,7 +272,7 @@ def _refuse_report(recordings: tuple[Path, ...]) -> None:
     """The name of a report behind --json is none of a recording."""
     for path in recordings:
         if path.suffix.lower() == ".json":
-            raise click.UsageError(f"'{path}' is no recording; --json prints the report: --json > {path}")
+            raise click.UsageError(f"'{path}' is not a recording; --json prints the report: --json > {path}")
 
 
 def _refuse_absent(recordings: tuple[Path, ...]) -> None:
@@ -374,7 +381,7 @@ def _print_states(outcome: _Outcome) -> None:
     for change in outcome.timeline:
         click.echo(f"{change.t_s:8.2f} s  {change.state.value}: {change.reason}")
     for told in () if outcome.comparison is None else outcome.comparison.told:
-        click.echo(f"{told.t_ns / 1e9:8.2f} s  told live: {told.state}: {told.reason}")
+        click.echo(f"{told.t_ns / 1e9:8.2f} s  reported live: {told.state}: {told.reason}")
 
 
 def _second_opinion(opinion: SecondOpinion) -> str:

@@ -105,7 +105,7 @@ def _chosen(wanted: Period, found: Summary, by_itself: bool) -> str:
     chosen = f"Report of the last {wanted.kind} that is over, {wanted.name}, as no day was named with --of"
     if found.begins is not None and found.begins >= wanted.end:
         since = f"{found.begins:%Y-%m-%d}"
-        return f"{chosen}. The alarm log begins after it, on {since}: --of {since} tells of that {wanted.kind}"
+        return f"{chosen}. The alarm log begins after it, on {since}: --of {since} reports that {wanted.kind}"
     return chosen
 
 

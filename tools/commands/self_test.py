@@ -44,16 +44,18 @@ _TIMEX_BYTES, _TIMEX_STATUS = 208, 40
 @control_option
 @config_option
 @click.option("--feed", type=click.Path(path_type=Path), help="socket of the feed [beside the control socket]")
-@click.option("--folder", type=click.Path(file_okay=False, path_type=Path), help="where it is kept [alarm folder]")
-@click.option("--operator", default="", help="who does it; kept with the result")
+@click.option(
+    "--folder", type=click.Path(file_okay=False, path_type=Path), help="where the result is kept [alarm folder]"
+)
+@click.option("--operator", default="", help="who runs the test; kept with the result")
 @click.option(
     "--lamps",
     type=click.Choice(["ask", "seen", "not-seen", "skip"]),
     default="ask",
     show_default=True,
-    help="test lamps and tone and ask; or say what was seen; skip does not pass",
+    help="test lamps and tone and ask, or state the result; skip does not pass",
 )
-@click.option("--yes", is_flag=True, help="wait for nobody: the probe lies still now, and moves after that")
+@click.option("--yes", is_flag=True, help="do not wait for the operator: the probe lies still now and moves afterwards")
 @json_option
 def command(
     control_socket: Path,
@@ -87,13 +89,13 @@ def command(
     feed = feed or (None if config is None else config.feed_socket) or control.with_name("feed")
     folder = folder or (Path("/var/lib/probewatch") if config is None else config.alarm.folder) / _FOLDER
     if not yes and not sys.stdin.isatty():
-        what = "nobody can be asked to lay the probe down, and then to move it"
+        what = "needs an operator to lay the probe down and then to move it, and there is no terminal"
         raise ConfigurationError(
             what, "self-test", "Run it at a terminal, or give --yes and --lamps seen, not-seen or skip"
         )
     with ControlClient(control) as client:
         client.status()
-    with stopped_saying("no result was kept"):
+    with stopped_saying("no result was stored"):
         found, kept = _tested(control, feed, folder, operator, lamps, yes)
     write([item.fields() for item in found])
     if not as_json:

@@ -1,4 +1,4 @@
-"""`probewatch simulate`: devices that exist only as bytes; each command lives in `tools/simulators/<name>.py`."""
+"""`probewatch simulate`: simulated devices at their own protocols. Each is a file `tools/simulators/<name>.py`."""
 
 import click
 

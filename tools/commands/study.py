@@ -43,7 +43,7 @@ Examples:
   probewatch study s3://bucket/archive --calibration probe.toml --scheduler tcp://dask:8786
 
 \b
-Parts of a world (--tissues), joined by +:
+Parts of a scene (--tissues), joined by +:
 """
 _PARTS = "\n".join(f"  {form:<22}{what}" for form, what in described())
 """One line of the help for each part of a world."""
@@ -93,7 +93,7 @@ def _profiles(_context: click.Context, _option: click.Parameter, text: str) -> t
     default=Path("study"),
     show_default=True,
     type=click.Path(path_type=Path, file_okay=False),
-    help="folder for study.csv and study.html; rows that are there are not done again",
+    help="folder for study.csv and study.html; rows already there are not computed again",
 )
 @click.option(
     "--sessions",
@@ -107,7 +107,7 @@ def _profiles(_context: click.Context, _option: click.Parameter, text: str) -> t
     default="all",
     show_default=True,
     callback=_worlds,
-    help=f"worlds that the probe looks at, joined of parts by +: half-30+drag-2; see below; all: {', '.join(TISSUES)}",
+    help=f"scenes that the probe scans, parts joined by +: half-30+drag-2; see below; all: {', '.join(TISSUES)}",
 )
 @click.option("--seeds", default=10, show_default=True, type=click.IntRange(1, 10_000), help="of each session")
 @click.option(
@@ -151,7 +151,7 @@ def _profiles(_context: click.Context, _option: click.Parameter, text: str) -> t
 @click.option(
     "--motions",
     type=click.Path(path_type=Path, file_okay=False),
-    help="keep rendered sessions here and take them from here: 220 MB a minute",
+    help="cache of rendered sessions: 220 MB a minute",
 )
 @click.option(
     "--jobs",
@@ -162,7 +162,7 @@ def _profiles(_context: click.Context, _option: click.Parameter, text: str) -> t
 )
 @click.option("--scheduler", metavar="tcp://HOST:PORT", help="an existing Dask cluster instead of processes here")
 @click.option(
-    "--calibration", type=click.Path(path_type=Path), help="of the RECORDINGs: our .toml or a PLUS device set"
+    "--calibration", type=click.Path(path_type=Path), help="of the RECORDINGs: a probewatch .toml or a PLUS device set"
 )
 def command(
     recordings: tuple[str, ...],

@@ -157,7 +157,7 @@ def _problem(finding: Finding, history: History) -> str:
     before = history.at(injection.from_s)
     if before is None or before.state is not State.MONITORING or not history.closed(injection.from_s):
         state = "self-test" if before is None else before.state.value
-        return f"began while the service was still '{state}', so nothing can be told from it"
+        return f"began while the service was still '{state}', so it has no result"
     if finding.named != injection.fault_class:
         return f"was named {finding.named} instead of {injection.fault_class}" if finding.named else "was not found"
     if finding.contact_open_after_s is None:

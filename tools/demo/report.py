@@ -36,7 +36,7 @@ def print_report(console: Console, outcome: Outcome) -> None:
 
 def _sentence(outcome: Outcome) -> str:
     if outcome.too_busy:
-        return f"TOO BUSY: this computer is overloaded, so nothing can be told. {outcome.sentence}"
+        return f"TOO BUSY: this computer is overloaded, so there is no result. {outcome.sentence}"
     if not outcome.passed:
         return f"FAILED: {outcome.sentence}"
     number = len(outcome.findings)

@@ -170,7 +170,7 @@ def _samples(status: Status) -> Iterator[Metric]:
     yield _counters("samples", "Pictures and poses taken", "source", taken)
     dropped = {"video": counters["dropped_frames"], "tracker": counters["dropped_poses"]}
     yield _counters("dropped_samples", "Taken, and dropped before they were judged", "source", dropped)
-    yield _counter("frame_gaps", "Pictures that the device counted and nobody saw", counters["frame_gaps"])
+    yield _counter("frame_gaps", "Pictures counted by the device that never arrived", counters["frame_gaps"])
     yield _counter("early_stamps", "Samples refused, stamped later than they arrived", counters["early_stamps"])
 
 

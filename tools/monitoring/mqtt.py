@@ -153,7 +153,7 @@ class _Client(Client):
     def _sock_recv(self, bufsize: int) -> bytes:
         """The library asks here for as much as a packet has announced, before it has any of it. Raises OSError."""
         if bufsize > _LONGEST_ANSWER:
-            self.trouble = f"it sends {bufsize} bytes that nobody asked for"
+            self.trouble = f"it sends {bufsize} unsolicited bytes"
             raise ConnectionAbortedError(self.trouble)
         received = super()._sock_recv(bufsize)
         now_s = time.monotonic()

@@ -403,7 +403,7 @@ class ScanSession:
         """Why the scan is given up; empty while somebody is there."""
         now_s = self._now_s()
         if now_s - self._touched_s > _ABANDONED_S:
-            return "abandoned: nobody was there for a quarter of an hour"
+            return "abandoned: no operator was there for a quarter of an hour"
         if self._seen_s is not None and now_s - max(self._seen_s, self._touched_s) > _UNSEEN_S:
             return "abandoned: no browser that may go on with it was there for five minutes"
         return ""

@@ -213,5 +213,7 @@ def outputs(status: Status, seen: bool | None) -> Item:
     shown = [output["signal"] for output in status["outputs"] if output["signal"] != "contact"]
     if not shown:
         return Item("lamps and tone", True, "this cart has none, only the contact")
-    what = {None: "nobody was asked", True: "seen and heard by the operator", False: "not all seen or heard"}[seen]
+    what = {None: "no operator confirmed them", True: "seen and heard by the operator", False: "not all seen or heard"}[
+        seen
+    ]
     return Item("lamps and tone", seen, f"{', '.join(shown)}: {what}", "" if seen else "Check lamps, tone and cables")

@@ -38,7 +38,7 @@ def changed(text: str, answers: Answers, file: Path) -> str:
     except ValueError:
         said = None
     if said is None or _filled(said) != _filled(_expected(text, answers)):
-        what = "is laid out in a way that cannot be changed line by line"
+        what = "has a layout that cannot be edited line by line"
         raise ConfigurationError(what, str(file), "Start over with --fresh, or change it in an editor")
     return new
 

@@ -99,7 +99,7 @@ class Comparison:
         said = f"{self.equal} of {self.recorded} verdicts are those of the live run"
         if self.text == "kept" and self.every == 1:
             return f"{said}; nothing is missing in the file: another version, or processor? First: {self.difference}"
-        return f"{said}; no wonder: {self._why()}. First: {self.difference}"
+        return f"{said}; reason: {self._why()}. First: {self.difference}"
 
     def _likeness(self) -> str:
         """What can be held against blackened pictures, whose figures are never quite the same."""

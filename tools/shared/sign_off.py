@@ -73,9 +73,9 @@ def remarks_on(stated: Mapping[str, str], now: datetime) -> Iterator[str]:
     """What a reader of this provenance must not take for granted: nobody, a placeholder, a day that cannot be."""
     for key, what in (("made_by", "who made it"), ("signed_by", "who signed it"), ("signed_role", "the signer's role")):
         if _name(stated.get(key, "")).strip(_STROKES) in _PLACEHOLDERS and key in stated:
-            yield f"{what} is {stated[key]!r}: that is a placeholder, no person"
+            yield f"{what} is {stated[key]!r}: that is a placeholder, not a person"
     if not stated.get("signed_by"):
-        yield "nobody has signed it"
+        yield "it is not signed"
     elif _name(stated["signed_by"]) == _name(stated.get("made_by", "")):
         yield "it is signed by who made it, not by a second person"
     made, signed = (_moment(stated.get(key)) for key in ("when", "signed_at"))

@@ -38,7 +38,7 @@ def accepted(proposal: dict[str, Any], yes: bool) -> str:
 def ask(question: str, yes: bool) -> None:
     """Returns once a person has said yes, now or before. Raises ControlRefused where nobody can be asked."""
     if not yes and not sys.stdin.isatty():
-        raise ControlRefused("needs a person to accept it; nothing was changed", question, "Give --yes if it is meant")
+        raise ControlRefused("needs a person to accept it; nothing was changed", question, "Give --yes to accept it")
     if not yes:
         click.confirm(question, abort=True)
 
@@ -47,7 +47,7 @@ def refuse_simulated(socket: Path) -> None:
     """Raises ConfigurationError where the service watches real devices."""
     with ControlClient(socket) as client:
         if not client.status().get("simulated"):
-            what = "watches real devices, of which a simulated scan says nothing"
+            what = "watches real devices, and a simulated scan does not apply to them"
             raise ConfigurationError(
                 what, f"the service at {socket}", "Scan the cross-wire with this probe: --recording"
             )
@@ -77,7 +77,7 @@ def reporting_change(socket: Path | None) -> Iterator[None]:
     socket: of the service, None where there is none. Raises ProbewatchError where it does not answer.
     """
     if socket is None:
-        with stopped_saying("no service was told of anything"):
+        with stopped_saying("no service was notified"):
             yield
         return
     before = _reference_of(socket)

@@ -28,17 +28,23 @@ _CLAIM = "simulated-cart"
 
 
 @click.command("cart")
-@click.option("--write", "file", type=click.Path(dir_okay=False, path_type=Path), help="write the configuration here")
 @click.option(
-    "--folder", type=click.Path(file_okay=False, path_type=Path), help="of sockets, alarm log and control files"
+    "--write", "file", type=click.Path(dir_okay=False, path_type=Path), help="write the configuration to this file"
 )
-@click.option("--seed", default=1, show_default=True, type=click.IntRange(0), help="of tissue, motion and noise")
+@click.option(
+    "--folder", type=click.Path(file_okay=False, path_type=Path), help="folder of sockets, alarm log and control files"
+)
+@click.option(
+    "--seed", default=1, show_default=True, type=click.IntRange(0), help="random seed of tissue, motion and noise"
+)
 @click.option(
     "--unconfigured",
     is_flag=True,
-    help="with --write: a cart that nobody has configured yet, and the URLs of its devices",
+    help="with --write: a cart not configured yet, and the URLs of its devices",
 )
-@click.option("--openigtlink", "served", is_flag=True, help="an OpenIGTLink server, as PLUS, hands on both")
+@click.option(
+    "--openigtlink", "served", is_flag=True, help="serve pictures and poses through an OpenIGTLink server, as PLUS does"
+)
 def command(file: Path | None, folder: Path | None, seed: int, unconfigured: bool, served: bool) -> None:
     """Simulate a whole cart until Ctrl-C: a scanner, an NDI Polaris and a relay board, each a process of its own.
 
@@ -119,11 +125,11 @@ def _claimed(folder: Path, seed: int) -> Iterator[None]:
         try:
             fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            remedy = "End that one, or choose another folder"
+            remedy = "Stop that one, or choose another folder"
             raise ConfigurationError("a simulated cart runs there already", str(folder), remedy) from None
         before = stream.read().strip()
         if before and before != str(seed):
-            remedy = f"Go on with it by --seed {before}, or choose another folder"
+            remedy = f"Continue it with --seed {before}, or choose another folder"
             what = f"holds the alarm log and the calibration of a cart of --seed {before}"
             raise ConfigurationError(what, str(folder), remedy)
         if before:

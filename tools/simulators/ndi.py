@@ -1,4 +1,4 @@
-"""`probewatch simulate ndi`: a Polaris, Vega or Aurora that exists only as bytes."""
+"""`probewatch simulate ndi`: a simulated Polaris, Vega or Aurora."""
 
 import json
 import signal
@@ -28,28 +28,41 @@ from drivers.twins.tool_motion import PoseAt, pose_file, recorded_motion, world_
 _FILE = click.Path(dir_okay=False, path_type=Path)
 # The bounds of a port number are TCP's.
 _LINES: list[Callable[[click.decorators.FC], click.decorators.FC]] = [
-    click.option("--pty", "link", type=click.Path(path_type=Path), metavar="LINK", help="serve a pseudo-terminal here"),
-    click.option("--tcp", "port", type=click.IntRange(0, 65535), metavar="PORT", help="serve TCP; 0 takes a free port"),
+    click.option(
+        "--pty", "link", type=click.Path(path_type=Path), metavar="LINK", help="path of the pseudo-terminal to serve"
+    ),
+    click.option(
+        "--tcp", "port", type=click.IntRange(0, 65535), metavar="PORT", help="TCP port to serve; 0: any free one"
+    ),
 ]
 # Bounds: clocks of devices are off by tens of ppm; rates at which a machine can still serve, or a person watch.
 _OPTIONS: list[Callable[[click.decorators.FC], click.decorators.FC]] = [
     click.option("--model", "model_name", type=click.Choice(sorted(MODELS)), required=True),
     click.option("--track-hz", type=int, help="measurements per second; the model's usual rate if not given"),
     click.option("--wired", type=click.Choice(WIRED_TOOLS), multiple=True, help="tool on a cable; may be repeated"),
-    click.option("--rom", type=_FILE, help="write the definition of a generic probe here"),
-    click.option("--reference-rom", type=_FILE, help="write the definition of a generic reference tool here"),
-    click.option("--witness-rom", type=_FILE, help="write the definition of a second body on the probe here"),
-    click.option("--poses", type=_FILE, help="CSV of t_s,tool,q0,qx,qy,qz,x_mm,y_mm,z_mm instead of the world"),
-    click.option("--recording", type=_FILE, help="PLUS sequence whose poses are shown instead of the world"),
-    click.option("--seed", type=int, default=1, help="of the world"),
+    click.option("--rom", type=_FILE, help="write the tool definition of a generic probe to this file"),
+    click.option("--reference-rom", type=_FILE, help="write the tool definition of a generic reference to this file"),
+    click.option(
+        "--witness-rom", type=_FILE, help="write the tool definition of a second body on the probe to this file"
+    ),
+    click.option(
+        "--poses", type=_FILE, help="CSV of t_s,tool,q0,qx,qy,qz,x_mm,y_mm,z_mm instead of the simulated motion"
+    ),
+    click.option("--recording", type=_FILE, help="PLUS sequence whose poses replace the simulated motion"),
+    click.option("--seed", type=int, default=1, help="random seed of the simulation"),
     click.option("--program", default=USUAL_PROGRAM, help=f"how the hand moves: {', '.join(PROGRAMS)}"),
     click.option("--tank", type=_FILE, help="over a cross-wire in water while this file exists"),
     click.option("--fault", "faults", multiple=True, metavar="NAME[@FROM[..TO]]", help="in seconds; may be repeated"),
     click.option("--control", type=_FILE, help="JSON list of faults, read again whenever it changes"),
     click.option("--freeze-tag", help="firmware name, such as 'AURORA Rev 009'; decides how clients ask for poses"),
-    click.option("--skew-ppm", type=click.FloatRange(-500, 500), default=0.0, help="how fast the device's clock runs"),
-    click.option("--rate", type=click.FloatRange(0.01, 100), default=1.0, help="world seconds per second"),
-    click.option("--origin-ns", type=int, help="CLOCK_MONOTONIC of world time 0; now if not given"),
+    click.option(
+        "--skew-ppm",
+        type=click.FloatRange(-500, 500),
+        default=0.0,
+        help="rate of the device's clock, relative to true time",
+    ),
+    click.option("--rate", type=click.FloatRange(0.01, 100), default=1.0, help="simulated seconds per second"),
+    click.option("--origin-ns", type=int, help="CLOCK_MONOTONIC at simulated time 0; now if not given"),
 ]
 
 
@@ -150,7 +163,9 @@ def _write_roms(probe: Path | None, reference: Path | None, witness: Path | None
 def open_line(link: Path | None, port: int | None, clock: HostClock) -> TwinLine:
     """Raises ConfigurationError unless exactly one is given, and can be served."""
     if (link is None) == (port is None):
-        raise ConfigurationError("the simulated tracker needs one line", "--pty, --tcp", "Give one of the two")
+        raise ConfigurationError(
+            "the simulated tracker needs either a pseudo-terminal or a TCP port", "--pty, --tcp", "Give one of the two"
+        )
     try:
         return PtyLine(link, clock) if link is not None else TcpLine(port or 0, clock)
     except OSError as error:

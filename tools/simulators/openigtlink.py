@@ -1,4 +1,4 @@
-"""`probewatch simulate openigtlink`: an OpenIGTLink server that exists only as bytes, for `igtl://host:port`."""
+"""`probewatch simulate openigtlink`: a simulated OpenIGTLink server, for `igtl://host:port`."""
 
 import json
 import signal
@@ -26,16 +26,18 @@ _FILE = click.Path(dir_okay=False, path_type=Path)
 @click.command("openigtlink", epilog=f"Faults: {', '.join(FAULTS)}")
 @click.option("--tcp", "port", type=click.IntRange(0, 65535), required=True, metavar="PORT", help="0: any free one")
 @click.option("--host", default="127.0.0.1", help="address to listen at [127.0.0.1]")
-@click.option("--video", "video_url", metavar="URL", help="hand on the pictures of this source instead of the world's")
 @click.option(
-    "--tracker", "tracker_url", metavar="URL", help="hand on the poses of this tracker instead of the world's"
+    "--video", "video_url", metavar="URL", help="forward the pictures of this source instead of simulated ones"
 )
-@click.option("--seed", type=int, default=1, help="of the world")
+@click.option(
+    "--tracker", "tracker_url", metavar="URL", help="forward the poses of this tracker instead of simulated ones"
+)
+@click.option("--seed", type=int, default=1, help="random seed of the simulation")
 @click.option("--program", default=USUAL_PROGRAM, help=f"how the hand moves: {', '.join(PROGRAMS)}")
 @click.option("--fault", "faults", multiple=True, metavar="NAME[@FROM[..TO]]", help="in seconds; may be repeated")
 @click.option("--control", type=_FILE, help="JSON list of faults, read again whenever it changes")
-@click.option("--rate", type=click.FloatRange(0.01, 100), default=1.0, help="world seconds per second")
-@click.option("--origin-ns", type=int, help="CLOCK_MONOTONIC of world time 0; now if not given")
+@click.option("--rate", type=click.FloatRange(0.01, 100), default=1.0, help="simulated seconds per second")
+@click.option("--origin-ns", type=int, help="CLOCK_MONOTONIC at simulated time 0; now if not given")
 def command(
     port: int,
     host: str,

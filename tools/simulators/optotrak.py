@@ -1,4 +1,4 @@
-"""`probewatch simulate optotrak`: an Optotrak behind a First Principles server that exists only as bytes."""
+"""`probewatch simulate optotrak`: a simulated Optotrak behind a First Principles server."""
 
 import time
 from collections.abc import Callable
@@ -23,16 +23,23 @@ _OPTIONS: list[Callable[[click.decorators.FC], click.decorators.FC]] = [
     click.option("--host", default="127.0.0.1", help="address to listen at; 0.0.0.0 for every network [127.0.0.1]"),
     click.option("--frame-hz", type=click.FloatRange(1, 4600), default=100.0, help="frames per second [100]"),
     click.option("--bodies", type=click.IntRange(1, 20), default=2, help="rigid bodies: probe, reference, others [2]"),
-    click.option("--poses", type=_FILE, help="CSV of t_s,tool,q0,qx,qy,qz,x_mm,y_mm,z_mm instead of the world"),
-    click.option("--recording", type=_FILE, help="PLUS sequence whose poses are shown instead of the world"),
-    click.option("--seed", type=int, default=1, help="of the world"),
+    click.option(
+        "--poses", type=_FILE, help="CSV of t_s,tool,q0,qx,qy,qz,x_mm,y_mm,z_mm instead of the simulated motion"
+    ),
+    click.option("--recording", type=_FILE, help="PLUS sequence whose poses replace the simulated motion"),
+    click.option("--seed", type=int, default=1, help="random seed of the simulation"),
     click.option("--program", default=USUAL_PROGRAM, help=f"how the hand moves: {', '.join(PROGRAMS)}"),
     click.option("--fault", "faults", multiple=True, metavar="NAME[@FROM[..TO]]", help="in seconds; may be repeated"),
     click.option("--schedule", help="JSON list of faults instead"),
     click.option("--control", type=_FILE, help="JSON list of faults, read again whenever it changes"),
-    click.option("--skew-ppm", type=click.FloatRange(-500, 500), default=0.0, help="how fast the server's clock runs"),
-    click.option("--rate", type=click.FloatRange(0.1, 100), default=1.0, help="world seconds per second"),
-    click.option("--origin-ns", type=int, help="CLOCK_MONOTONIC of world time 0; now if not given"),
+    click.option(
+        "--skew-ppm",
+        type=click.FloatRange(-500, 500),
+        default=0.0,
+        help="rate of the server's clock, relative to true time",
+    ),
+    click.option("--rate", type=click.FloatRange(0.1, 100), default=1.0, help="simulated seconds per second"),
+    click.option("--origin-ns", type=int, help="CLOCK_MONOTONIC at simulated time 0; now if not given"),
 ]
 
 

@@ -17,9 +17,9 @@ from drivers.twins.relay_board import RelayBoard
 @click.command("relay")
 @click.option("--pty", "link", type=click.Path(path_type=Path), required=True, metavar="LINK", help="serve it here")
 @click.option("--channels", type=click.IntRange(1, 8), default=1, help="relays on the board [1]")
-@click.option("--mute", is_flag=True, help="never answer, like the bare LCUS-1")
-@click.option("--rate", type=click.FloatRange(0.01, 100), default=1.0, help="world seconds per second")
-@click.option("--origin-ns", type=int, help="CLOCK_MONOTONIC of world time 0; now if not given")
+@click.option("--mute", is_flag=True, help="send no replies, like the bare LCUS-1")
+@click.option("--rate", type=click.FloatRange(0.01, 100), default=1.0, help="simulated seconds per second")
+@click.option("--origin-ns", type=int, help="CLOCK_MONOTONIC at simulated time 0; now if not given")
 def command(link: Path, channels: int, mute: bool, rate: float, origin_ns: int | None) -> None:
     """Simulate a relay board until SIGTERM; prints one JSON line with its URL when ready, then each change of a relay.
 

@@ -24,8 +24,8 @@ from drivers.twins.scene.world import SCENES, World, WorldSettings
 # Bounds of --rate: those of `simulate ndi`. Of --fps: from a slow sweep to what no scanner of the field exceeds.
 @click.command("scanner", epilog=f"Faults: {', '.join(PICTURE_FAULTS)}")
 @click.option("--socket", type=click.Path(path_type=Path), required=True, help="Unix socket to serve")
-@click.option("--fps", type=click.FloatRange(0.1, 1000), default=30.0, help="pictures per world second [30]")
-@click.option("--seed", type=int, default=1, help="of the world")
+@click.option("--fps", type=click.FloatRange(0.1, 1000), default=30.0, help="pictures per simulated second [30]")
+@click.option("--seed", type=int, default=1, help="random seed of the simulation")
 @click.option(
     "--program",
     type=click.Choice(list(PROGRAMS)),
@@ -33,14 +33,14 @@ from drivers.twins.scene.world import SCENES, World, WorldSettings
     show_default=True,
     help="how the probe is moved",
 )
-@click.option("--scene", type=click.Choice(list(SCENES)), default="tissue", help="what it looks at [tissue]")
+@click.option("--scene", type=click.Choice(list(SCENES)), default="tissue", help="what the probe scans [tissue]")
 @click.option("--tissue", default=RIGID, show_default=True, help=f"what is scanned, as in a study: {listed()}")
 @click.option(
     "--control", type=click.Path(dir_okay=False, path_type=Path), help="JSON list of faults, read again when it changes"
 )
 @click.option("--tank", type=click.Path(path_type=Path), help="over a cross-wire in water while this file exists")
-@click.option("--rate", type=click.FloatRange(0.01, 100), default=1.0, help="world seconds per second")
-@click.option("--origin-ns", type=int, help="CLOCK_MONOTONIC of world time 0; now if not given")
+@click.option("--rate", type=click.FloatRange(0.01, 100), default=1.0, help="simulated seconds per second")
+@click.option("--origin-ns", type=int, help="CLOCK_MONOTONIC at simulated time 0; now if not given")
 def command(
     socket: Path,
     fps: float,

@@ -187,7 +187,7 @@ def _undecided(rivals: Sequence[Rival]) -> str:
     """Which it may be, how far the second is behind, and the motion that shows which of them it is."""
     names = [rival.check.name for rival in rivals]
     motions = " + ".join(gesture.value for gesture in gestures(names))
-    return f"one of these is wrong, {rivals[1].behind_nats:.1f} nat apart: {', '.join(names)}; to tell which: {motions}"
+    return f"cause undecided, {rivals[1].behind_nats:.1f} nat apart: {', '.join(names)}; to decide: {motions}"
 
 
 def _sentence(check: Check) -> str:

@@ -61,7 +61,7 @@ class Hold:
                 f"{begun.who} has recalibrated for {for_s:.0f} s. Wait, or end that first: abort-recalibration"
             )
         raise ControlRefused(
-            f"{begun.who} has recalibrated for {for_s:.0f} s. Wait, or have it ended there; it is given up once that "
+            f"{begun.who} has recalibrated for {for_s:.0f} s. Wait, or end it there; it is given up once that "
             f"process is gone, or silent for {begun.hold_s:g} s"
         )
 

@@ -24,7 +24,7 @@ class Pressure:
         self._stalled_us = self._totals_us()
         self._at_ns: int | None = None
         if not self._files:
-            get_log().info("this kernel tells no pressure; an overload is known from late ticks alone")
+            get_log().info("this kernel reports no CPU pressure; overload is detected from late ticks alone")
 
     def close(self) -> None:
         for file in self._files:

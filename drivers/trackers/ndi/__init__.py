@@ -39,7 +39,7 @@ NDI = Driver(
             question="the same of a second marker body on the probe, or 'none'",
             without="none",
         ),
-        Option("tools", "further tools, separated by commas; `probewatch probe` tells their state", form="TOOL,TOOL"),
+        Option("tools", "further tools, separated by commas; `probewatch probe` shows their state", form="TOOL,TOOL"),
         Option(
             "baud",
             "line speed while tracking; at the end the tracker is left at 9600",

@@ -65,7 +65,7 @@ class Alerts:
             self._exchange.refused += 1
             self._unanswered += 1
             if self._unanswered >= _UNANSWERED:
-                raise self._lost(f"the tracker does not tell its alerts ({error.what})", error.remedy) from error
+                raise self._lost(f"the tracker does not report its alerts ({error.what})", error.remedy) from error
             return
         self._unanswered = 0
         if name == "Info.Status.Alerts":

@@ -103,7 +103,7 @@ def choose_probe(tools: tuple[Tool, ...], named: bool, where: str) -> Tool:
     ]
     probe = tools[0] if named else (candidates or tools)[0]
     if probe.five_dof:
-        what = f"the {probe.name} has sensors of five degrees of freedom: they do not tell the turn about their axis"
+        what = f"the {probe.name} has sensors of five degrees of freedom: they do not measure the turn about their axis"
         raise ConfigurationError(what, where, "Use a probe with a sensor of six degrees of freedom")
     return probe
 

@@ -94,7 +94,7 @@ def negotiate(node: Node, requested: RequestedFormat) -> Agreed:
     rate_hz, remarks = _set_rate(node, requested.rate_hz)
     rate_hz = timings_hz if math.isnan(rate_hz) else rate_hz
     if math.isnan(rate_hz):
-        remarks = (*remarks, f"it does not tell its rate, {_USUAL_HZ:.0f} per second is taken for the time bound")
+        remarks = (*remarks, f"it does not report its rate, {_USUAL_HZ:.0f} per second is taken for the time bound")
     code = abi.fourcc_text(pix.pixelformat)
     return Agreed(card, bus, code, pix.width, pix.height, pix.bytesperline, rate_hz, remarks)
 
@@ -134,7 +134,7 @@ def _signal(node: Node) -> abi.DvTimings | None:
     known = node.allows(abi.ENUMINPUT, current)
     is_digital = known and current.capabilities & abi.IN_CAP_DV_TIMINGS
     if is_digital:
-        node.must(abi.QUERY_DV_TIMINGS, found, "does not tell the timings of its signal")
+        node.must(abi.QUERY_DV_TIMINGS, found, "does not report the timings of its signal")
     if current.status & _NO_SIGNAL:
         raise node.lost(OSError(errno.ENOLINK, ""), "")
     if current.status & _NO_LOCK:
@@ -177,7 +177,7 @@ def _set_format(node: Node, requested: RequestedFormat) -> abi.PixFormat:
 
 def _requested_format(node: Node, requested: RequestedFormat, code: str) -> abi.Format:
     format_ = abi.Format(type=abi.BUF_TYPE_VIDEO_CAPTURE)
-    node.must(abi.G_FMT, format_, "does not tell its picture format")
+    node.must(abi.G_FMT, format_, "does not report its picture format")
     format_.pix.pixelformat, format_.pix.field, format_.pix.bytesperline = abi.fourcc(code), abi.FIELD_NONE, 0
     if requested.size_px is not None:
         format_.pix.width, format_.pix.height = requested.size_px

@@ -112,7 +112,7 @@ def test_who_signed_it_and_when_it_is_due_are_shown(said, config):
         assert line in told, line
     assert "!" not in told
     bare = shown()
-    for line in ("made by not stated", "signed by nobody", "next check no date is set", "! nobody has signed it"):
+    for line in ("made by not stated", "signed by nobody", "next check no date is set", "! it is not signed"):
         assert line in bare, line
     for stated, remark in (
         ({**good, "signed_by": "Name"}, "who signed it is 'Name': that is a placeholder"),
@@ -195,10 +195,10 @@ def test_a_damaged_history_is_named_and_can_be_set_aside(said, config, tmp_path)
     assert (code, err.count("\\n")) == (78, 0)
     assert "history.json: cannot be understood" in err
     code, _, err = said("reset", "--socket", tmp_path / "control")
-    assert (code, "Give --yes if it is meant" in err) == (75, True), "nobody could be asked"
+    assert (code, "Give --yes to accept it" in err) == (75, True), "nobody could be asked"
     code, out, _ = said("reset", "--yes", "--socket", tmp_path / "control")
     assert (code, "kept as" in out) == (0, True)
-    assert "no reference was kept here yet" in said("list")[2]
+    assert "holds no reference yet" in said("list")[2]
     assert settled(started(config)).current.entry.origin == "configuration"
 
 

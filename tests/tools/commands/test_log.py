@@ -71,7 +71,7 @@ DATA: dict[Event, dict[str, Any]] = {
     Event.RELOADED: {"changed": ["limits"], "noise": None},
     Event.ESTIMATE: {"reference": 2, "checks": {"rotation-axial": [0.12, 0.3, 3.0], "latency": [4.0, 2.0, 60.0]}},
     Event.PROPOSAL: {"text": "rotation-axial is now 9 ± .5 deg", "about": ["rotation-axial"]},
-    Event.UNDECIDED: {"text": "one of these is wrong", "names": ["latency", "scale-axial"]},
+    Event.UNDECIDED: {"text": "cause undecided", "names": ["latency", "scale-axial"]},
     Event.GIVEN_UP: {"who": "process 7", "why": "its connection is gone"},
     Event.OVERDUE: {"overdue": "since 2026-01-01"},
     Event.OVERLOADED: {"dropped": 3},

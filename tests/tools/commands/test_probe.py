@@ -47,8 +47,8 @@ def test_a_tracker_that_works(tmp_path: Path) -> None:
     assert told["firmware"].strip() == "Version 1.0 (simulated)"
     assert told["tools"].strip() == "rigid body 1; rigid body 2 (reference)"
     assert told["marker fit"].split()[1] == "0.21,"
-    assert told["error of the time"].strip().startswith("median ± "), "which of both figures is the one to be compared"
-    assert {"rate", "error of the time", "jitter of the time", "delay", "gaps"} <= set(told)
+    assert told["timestamp error"].strip().startswith("median ± "), "which of both figures is the one to be compared"
+    assert {"rate", "timestamp error", "timestamp jitter", "delay", "gaps"} <= set(told)
 
 
 def test_an_ndi_tracker_tells_of_its_tools_and_markers(tmp_path: Path) -> None:
@@ -96,7 +96,7 @@ def test_a_tracker_that_falls_silent_is_an_error_after_what_was_measured() -> No
         ("vicon://host", 78, "'vicon:' is not a known device kind"),
         ("optotrak:", 78, "names no device"),
         ("igtl://127.0.0.1:1?colour=yes", 78, "unknown option 'colour'"),
-        ("relay:/dev/no-such-port", 78, "Add --click when nobody relies on the contact"),
+        ("relay:/dev/no-such-port", 78, "Add --click while the contact is not in use"),
     ],
 )
 def test_what_is_wrong_is_said_with_its_exit_code(url: str, code: int, words: str) -> None:
@@ -140,8 +140,8 @@ def test_a_click_that_nobody_confirms_says_so(tmp_path: Path) -> None:
     with running_board(tmp_path / "relay", HostClock(), answers=False):
         code, output, _ = probed(f"relay:{tmp_path}/relay", "--click")
     assert code == 0
-    assert "ms, told, not confirmed" in output
-    assert "! nothing confirms that the contact moved. Look at it, or listen for two clicks" in output
+    assert "ms, commanded, not confirmed" in output
+    assert "! no feedback confirms that the contact moved. Watch it, or listen for two clicks" in output
 
 
 def test_a_click_of_a_contact_that_the_board_does_not_have_is_refused(tmp_path: Path) -> None:
@@ -215,7 +215,7 @@ def test_a_counter_that_stands_still_says_nothing_of_jitter() -> None:
     assert math.isnan(quality.jitter_ms)
     assert (
         "not to be told"
-        in dict(findings(Measured([pose(5, t_ms) for t_ms in (0, 10, 20)], [0] * 3)))["jitter of the time"]
+        in dict(findings(Measured([pose(5, t_ms) for t_ms in (0, 10, 20)], [0] * 3)))["timestamp jitter"]
     )
 
 
@@ -245,7 +245,7 @@ def test_poses_in_metres_are_asked_about(unit_mm: float, told: bool) -> None:
     place = (120.0 * unit_mm, 40.0 * unit_mm, -900.0 * unit_mm)
     samples = [placed(pose(number, number * 10), place) for number in range(75)]
     found = [text for text in complaints(Measured([*samples], [0] * 75)) if "of the origin" in text]
-    wanted = "all poses lie within 0.91 mm of the origin. Have the sender tell mm; it may tell metres"
+    wanted = "all poses lie within 0.91 mm of the origin. Have the sender use mm; it may use metres"
     assert found == ([wanted] if told else [])
 
 

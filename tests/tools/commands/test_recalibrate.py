@@ -265,7 +265,7 @@ def test_a_far_calibration_is_written_stated_and_not_taken_without_a_person(monk
         shown = recalibrated(*arguments)
         assert shown.returncode == 75
         assert "against the reference in force: hardly" in shown.stdout
-        assert f"Give --yes if it is meant; later: probewatch calibration use {new}" in shown.stderr
+        assert f"Give --yes to accept it; later: probewatch calibration use {new}" in shown.stderr
         assert service.asked == ["begin-recalibration", "propose-calibration", "abort-recalibration"]
         assert new.exists(), "a scan is not lost"
         assert recalibrated(*arguments, "--force", "--yes").returncode == 0

@@ -76,8 +76,8 @@ def test_what_was_told_live_stands_beside_what_is_told_now(tmp_path: Path) -> No
         {"t_s": 0.0, "state": "not verified", "fault": None, "reason": "too little"},
         {"t_s": 1.0, "state": "halt", "fault": "polarity", "reason": "mirrored"},
     ]
-    assert "1.00 s  told live: halt: mirrored" in text
-    assert "State as it was told live" in page.read_text()
+    assert "1.00 s  reported live: halt: mirrored" in text
+    assert "State as reported live" in page.read_text()
 
 
 @pytest.mark.thorough

@@ -194,8 +194,8 @@ def test_both_are_told_with_the_motion_that_tells_which() -> None:
     verdict = judge(5, (), verification.status)
     assert (verdict.kind, verdict.rivals) == (VerdictKind.NOT_VERIFIED, found.rivals)
     assert verdict.reason == (
-        f"one of these is wrong, {found.rivals[1].behind_nats:.1f} nat apart: offset-axial, scale-lateral; "
-        "to tell which: slide it sideways, 10 mm to and fro + rock it in the picture's plane, 8° each way"
+        f"cause undecided, {found.rivals[1].behind_nats:.1f} nat apart: offset-axial, scale-lateral; "
+        "to decide: slide it sideways, 10 mm to and fro + rock it in the picture's plane, 8° each way"
     )
 
 

@@ -54,8 +54,8 @@ def test_the_verdict_is_a_fault_that_tells_both_names_and_the_motion_that_tells_
     verdict = judge(5, (choice(),), STATUS)
     assert (verdict.kind, verdict.fault, verdict.rivals) == (VerdictKind.FAULT, Fault.UNDECIDED, TWO)
     assert verdict.reason == (
-        "one of these is wrong, 2.1 nat apart: scale-lateral, offset-axial; "
-        "to tell which: slide it sideways, 10 mm to and fro + rock it in the picture's plane, 8° each way"
+        "cause undecided, 2.1 nat apart: scale-lateral, offset-axial; "
+        "to decide: slide it sideways, 10 mm to and fro + rock it in the picture's plane, 8° each way"
     )
     assert translated_text(verdict.reason, "de").startswith(
         "eines davon ist falsch, 2.1 nat auseinander: Maßstab lateral, Versatz"
@@ -68,7 +68,7 @@ def test_what_has_a_name_is_told_first(named: str) -> None:
     failed = Check(named, fault, 4.0, 0.1, "deg", 3.0, VerdictKind.FAULT)
     verdict = judge(5, (choice(), failed), STATUS)
     assert (verdict.fault, verdict.rivals) == (fault, TWO)
-    assert verdict.reason.startswith(f"{named} +4 deg, limit 3 deg; one of these is wrong")
+    assert verdict.reason.startswith(f"{named} +4 deg, limit 3 deg; cause undecided")
 
 
 def test_a_recording_in_which_it_lasted_is_told_as_that() -> None:

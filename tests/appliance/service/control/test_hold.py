@@ -96,7 +96,7 @@ def test_without_a_hold_nobody_is_missed_and_who_begins_again_holds(bench: Bench
 
 
 HOLDS = (
-    "anna, process 7 has recalibrated for 12 s. Wait, or have it ended there; it is given up once that process is "
+    "anna, process 7 has recalibrated for 12 s. Wait, or end it there; it is given up once that process is "
     "gone, or silent for 20 s"
 )
 

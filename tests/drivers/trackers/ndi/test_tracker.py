@@ -159,7 +159,7 @@ def test_an_alert_that_is_asked_for_in_vain_loses_the_tracker_only_when_it_insis
         cart.twin.device.answer = deaf_to_get  # type: ignore[method-assign]
         cart.twin.device.raise_alert(0x200000)
         if lost:
-            with pytest.raises(DeviceLost, match="does not tell its alerts"):
+            with pytest.raises(DeviceLost, match="does not report its alerts"):
                 poses(tracker, 20)
         else:
             assert until(tracker, PoseStatus.FAULT).reason == "the position sensor was bumped"
