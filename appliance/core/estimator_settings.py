@@ -1,4 +1,4 @@
-"""What the line of the estimator is made with. New settings make a new line."""
+"""Settings of the estimator's pipeline. When they change, a new pipeline is built from them."""
 
 from dataclasses import dataclass, field
 
@@ -9,10 +9,12 @@ from drivers.samples import Matrix4
 
 @dataclass(frozen=True, slots=True)
 class EstimatorSettings:
-    """Settings of a line. generation: of the reference; every report carries it.
+    """Everything that the pipeline is built from. `generation` numbers the reference calibration; every report repeats
+    it.
 
-    stale_ns: how long a tracker may repeat one pose while the picture moves. relative_pose: (4, 4) second marker body →
-    first, mm, as an earlier line of this reference learned it (appliance.core.detectors.witness); None where none did.
+    `stale_ns` is how long a tracker may repeat one pose while the picture moves before it counts as stale.
+    `relative_pose` is the (4, 4) pose of the second marker body in the first one's frame, mm, as an earlier pipeline
+    with this reference learned it (appliance.core.detectors.witness); None where none did.
     """
 
     generation: int

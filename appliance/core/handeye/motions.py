@@ -1,4 +1,6 @@
-"""What every AX = XB solver takes and gives, and what motion alone cannot decide: the polarity."""
+"""Input and result types shared by all AX = XB solvers, and the choice of the polarity, which motion alone does not
+determine.
+"""
 
 from dataclasses import dataclass, replace
 from itertools import product
@@ -13,10 +15,10 @@ _LEAST_RATIO = 1e-6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motions:
-    """n relative motions A_i, B_i with A_i X = X B_i.
+    """A set of n relative motions A_i, B_i with A_i X = X B_i.
 
-    u: (n, 2) px for pictures, (n, 3) voxels for volumes; t_a = Λ u. R_a: (n, 3, 3), in-plane turns for pictures.
-    R_b: (n, 3, 3), t_b: (n, 3) mm, of B = B_2⁻¹ B_1.
+    `u` has shape (n, 2), px, for pictures and (n, 3), voxels, for volumes; t_a = Λ u. `R_a` has shape (n, 3, 3); for
+    pictures these are in-plane turns. `R_b` (n, 3, 3) and `t_b` (n, 3), mm, are the parts of B = B_2⁻¹ B_1.
     """
 
     u: Array
@@ -28,7 +30,8 @@ class Motions:
     def of_pictures(
         cls, u_px: Array, alpha_rad: Array, first: Array, second: Array, polarity: tuple[int, int] = (1, 1)
     ) -> "Motions":
-        """u_px (n, 2), alpha_rad (n,) as registered; first, second: (n, 4, 4) sensor → tracker.
+        """Builds the motions from registered pictures: u_px (n, 2), alpha_rad (n,); first, second: (n, 4, 4) sensor →
+        tracker.
 
         A mirrored axis mirrors the displacement along it and the sense of the turn.
         """
@@ -38,7 +41,9 @@ class Motions:
         return cls(np.asarray(u_px) * np.array(polarity), rotation_from_vector(turn), B[:, :3, :3], B[:, :3, 3])
 
     def displacements(self, lever_mm: Array) -> Array:
-        """(n, 3) v = t_b + (I − R_b) c with t_a = R_x v whatever the probe turns; c = R_xᵀ t_x, nominal is enough."""
+        """Returns v = t_b + (I − R_b) c, (n, 3): then t_a = R_x v holds however the probe turns. c = R_xᵀ t_x; the
+        nominal value is accurate enough.
+        """
         return self.t_b + lever_mm - self.R_b @ lever_mm
 
     def __len__(self) -> int:
@@ -47,12 +52,12 @@ class Motions:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HandEye:
-    """X and the scales as one method found them.
+    """X and the scales, as estimated by one method.
 
-    rotation: (3, 3) proper, R_x. scale: (2,) or (3,) mm per px, > 0. offset_mm: (3,) t_x, NaN where the motion does not
-    determine it. free: (3,) t_n of Eq. 7, the direction in which t_x stays free; NaN where there is none.
-    covariance: (3 + k + 3) square of rotation rad (R = exp([δ]×) R_x), relative scale, offset mm; None where the method
-    gives none.
+    `rotation` is R_x, (3, 3), a proper rotation. `scale` is (2,) or (3,), mm per px, > 0. `offset_mm` is t_x, (3,), NaN
+    where the motion does not determine it. `free` is t_n of Eq. 7, (3,), the direction in which t_x stays undetermined;
+    NaN where there is none. `covariance` is square, 3 + k + 3 wide: rotation in rad (R = exp([δ]×) R_x), relative
+    scale, offset in mm; None where the method gives none.
     """
 
     rotation: Array
@@ -62,7 +67,7 @@ class HandEye:
     covariance: Array | None = None
 
     def matrix(self) -> Array:
-        """(4, 4) X; NaN where undetermined."""
+        """X as a (4, 4) matrix; undetermined entries are NaN."""
         return rigid(self.rotation, self.offset_mm)
 
 
@@ -71,15 +76,16 @@ UNKNOWN = np.full(3, np.nan)
 
 
 def without_offset(rotation: Array, scale: Array) -> HandEye:
-    """What translations alone can show."""
+    """Builds the result of a method that uses translations only: the offset is undetermined."""
     return HandEye(rotation, scale, UNKNOWN, UNKNOWN)
 
 
 def nearest_polarity(found: HandEye, nominal_rotation: Array) -> tuple[HandEye, tuple[int, int]]:
-    """The same motion read with the polarity that leaves R_x nearest the nominal one, and that polarity.
+    """Returns the same motion with the polarity that puts R_x nearest to the nominal one, and that polarity.
 
-    found: as solved with polarity (1, 1). Mirroring both the picture's axes s and R_x by diag(s_x, s_y, s_x s_y)
-    changes no prediction (docs/method.md, equation 7), so only nearness decides. Rows of t_x go with their axes.
+    `found` was solved with polarity (1, 1). Mirroring both the picture's axes s and R_x by diag(s_x, s_y, s_x s_y)
+    changes no prediction (docs/method.md, equation 7), so only the distance to the nominal rotation decides. The rows
+    of t_x are mirrored with their axes.
     """
     best = max(
         product((1, -1), repeat=2), key=lambda s: float(np.trace(nominal_rotation.T @ _mirror(s) @ found.rotation))
@@ -92,19 +98,19 @@ def nearest_polarity(found: HandEye, nominal_rotation: Array) -> tuple[HandEye, 
 
 
 def rodrigues_rad(rotation: Array) -> float:
-    """Angle of a rotation (3, 3): the magnitude of its Rodrigues vector, 0 … π, as in Table 1."""
+    """Returns the angle of a rotation (3, 3), rad: the magnitude of its Rodrigues vector, 0 … π, as in Table 1."""
     return angle_from_rotation(rotation)
 
 
 def independent(vectors: Array, rank: int, what: str) -> None:
-    """Raise ValueError unless the (n, 3) vectors span `rank` directions."""
+    """Raises ValueError unless the (n, 3) vectors span `rank` directions."""
     values = np.linalg.svd(np.asarray(vectors, dtype=np.float64), compute_uv=False)
     if values.size < rank or not values[rank - 1] > _LEAST_RATIO * max(float(values[0]), 1e-12):
         raise ValueError(f"{what} must span {rank} directions; these do not")
 
 
 def rows_to_rotation(rows: Array) -> Array:
-    """(2, 3) estimates of the first two rows of R_x → the nearest proper rotation, r₃ = r₁ × r₂."""
+    """Returns the proper rotation nearest to (2, 3) estimates of the first two rows of R_x; r₃ = r₁ × r₂."""
     u, _, vt = np.linalg.svd(rows / np.linalg.norm(rows, axis=1, keepdims=True), full_matrices=False)
     first = u @ vt
     return np.vstack([first, np.cross(first[0], first[1])])

@@ -1,9 +1,10 @@
-"""The calibration from the closed forms, beside the service's own answer: no reference, no prior, no whitening.
+"""A calibration estimate from closed forms, independent of the service's own estimate: without reference, prior or
+whitening.
 
-The service fits near its reference. Where X is far from it (a sensor put on at right angles, another probe's file) that
-fit may settle nowhere; the closed forms find it all the same. Only the lever arm is taken from the reference. Steps of
-`_STEP_S` are long against tracker noise; each block of `_BLOCK_S` is left out in turn, which gives the
-spread (jackknife).
+The service fits near its reference. Where X is far from it (a sensor mounted at a right angle, the file of another
+probe), that fit may not converge; the closed forms find X nevertheless. Only the lever arm is taken from the reference.
+Steps of `_STEP_S` are long compared with tracker noise. The spread is a jackknife estimate: each block of `_BLOCK_S` is
+left out in turn.
 """
 
 from dataclasses import dataclass
@@ -33,7 +34,9 @@ _LEAST_BLOCKS, _LEAST_PAIRS = 4, 40
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SecondOpinion:
-    """form: "freehand" or "planar", which of the two fitted the motion. sigma: (5,) of rotation rad, relative scale."""
+    """The closed-form estimate. `form` names the method that fitted the motion, "freehand" or "planar". `sigma` is
+    (5,): rotation in rad, relative scale.
+    """
 
     form: str
     rotation: Array
@@ -44,7 +47,7 @@ class SecondOpinion:
 
 
 def second_opinion(samples: PathSamples, reference: Calibration) -> SecondOpinion | None:
-    """The opinion from the path of one session; None where it is too short or does not determine X."""
+    """Estimates the calibration from the path of one session; None where the path is too short or does not determine X."""
     try:
         lag = max(1, round(_STEP_S / samples.period_s))
     except ValueError:
@@ -72,7 +75,7 @@ def second_opinion(samples: PathSamples, reference: Calibration) -> SecondOpinio
 def _pairs(
     samples: PathSamples, reference: Calibration, first: NDArray[np.intp], lag: int
 ) -> tuple[Array, Array, Array]:
-    """u (n, 2) px, v (n, 3) mm, and time s of each pair of pictures `lag` apart."""
+    """Returns u (n, 2) px, v (n, 3) mm and time (n,) s of each pair of pictures that are `lag` apart."""
     kept = np.flatnonzero(samples.kept)
     i, j = kept[first], kept[first + lag]
     aspect = float(reference.scale_mm_per_px[1] / reference.scale_mm_per_px[0])
@@ -92,7 +95,7 @@ def _added(parts: list[Sums]) -> Sums:
 
 
 def _jackknife(whole: HandEye, without: list[HandEye]) -> Array:
-    """(5,) standard deviation of rotation rad and relative scale."""
+    """Returns the standard deviations, (5,), of rotation, rad, and relative scale."""
     away = np.array(
         [
             np.concatenate([vector_from_rotation(w.rotation @ whole.rotation.T), w.scale / whole.scale - 1])

@@ -1,4 +1,6 @@
-"""What the last seconds of motion show of the calibration: which windows are examined, and what counts of each."""
+"""Decides which windows of recent motion are examined, and which of their results count as evidence about the
+calibration.
+"""
 
 from dataclasses import replace
 from math import isnan
@@ -39,12 +41,12 @@ _OF_X = frozenset(PARAMETERS)
 
 
 class Evidence:
-    """Solves the window again whenever asked; between two solutions the last one stands.
+    """Estimates the calibration from the current window on request; the latest solution is kept until the next one.
 
-    A short window sees a change soon, the long one measures well. Once the short one shows a fault, what came before it
-    is dropped, so that old and new calibration are never mixed into one estimate. A fault counts when two solutions in
-    a row show it; while the short window still holds some of the time before the change, only that fault may be named,
-    and a late tracker, which looks like any other. Then the window grows again, and shows what else is wrong.
+    A short window detects a change early, the long window is more accurate. Once the short window shows a fault, motion
+    before the change is dropped, so that no estimate mixes the calibrations before and after it. A fault counts when
+    two consecutive solutions show it. While the short window still holds motion from before the change, only that fault
+    may be named, or a latency, which can look like any other fault. Then the window grows again and shows other faults.
     """
 
     def __init__(self, reference: Calibration, limits: Limits, window: PathWindow) -> None:
@@ -71,32 +73,34 @@ class Evidence:
 
     @property
     def estimate(self) -> Calibration | None:
-        """The solution that showed most, None where there was none."""
+        """The calibration of the solution that determines most parameters; None without a solution."""
         return None if self._best.solution is None else self._best.solution.calibration
 
     @property
     def follow(self) -> Follow | None:
-        """Share by which the tissue that the estimate rests on follows; None where there was none."""
+        """The share by which the tissue follows the probe, in the solution that determines most parameters; None
+        without one.
+        """
         return None if self._best.solution is None else self._best.solution.follow
 
     @property
     def motions(self) -> int:
-        """Pictures that went into the estimate."""
+        """The number of pictures used in that solution."""
         return 0 if self._best.solution is None else self._best.solution.motions
 
     @property
     def explanation(self) -> Explanation | None:
-        """The latest of a motion that the reference does not explain; None where there was none since a change."""
+        """The latest explanation of motion that contradicts the reference; None where there was none since a change."""
         return self._examiner.explanation
 
     def restart(self) -> None:
-        """The geometry has changed: what was measured before says nothing of what comes."""
+        """Discards all measurements, because the geometry has changed."""
         self._examiner.restart()
         self._start_over(elsewhere=False)
 
     def lose_sight(self) -> None:
-        """A hand may have changed whatever it likes meanwhile, so nothing is shown. How the patient breathes it has not
-        changed: what was learned of that is where learning goes on.
+        """Discards what motion has shown: while the probe was out of sight, anything may have been changed on it. The
+        learned breathing of the patient is kept, because it cannot have changed by that.
         """
         self._examiner.lose_sight()
         self._start_over(elsewhere=True)
@@ -116,7 +120,7 @@ class Evidence:
         self._failing_ns = self._breathed_ns = None
 
     def forget(self, since_ns: int) -> None:
-        """Motion at or after since_ns was stamped wrongly."""
+        """Discards motion at or after `since_ns`, whose timestamps were wrong."""
         self._under_way = None
         self.window.forget(since_ns)
         self.stationary.forget(since_ns)
@@ -132,15 +136,15 @@ class Evidence:
         self._examiner.forget()
 
     def forget_poses(self, since_ns: int) -> None:
-        """Poses at or after since_ns were stamped wrongly."""
+        """Discards poses at or after `since_ns`, whose timestamps were wrong."""
         self._under_way = None
         self.window.poses.forget(since_ns)
         self.stationary.forget(since_ns)
         self.points.pace.restart()
 
     def checks(self) -> tuple[Check, ...]:
-        """Checks of the latest solution, of a distorted field, and of the choice that the solution leaves, while
-        neither of its two is answered.
+        """The checks of the latest solution and of a distorted field, and, while neither of its two candidates is
+        decided, the check of an undecided fault.
         """
         choice = self._choice.check if self._verification.rivals else None
         latest = tuple(
@@ -153,12 +157,12 @@ class Evidence:
 
     @property
     def required(self) -> tuple[str, ...]:
-        """Names of the checks that the contact asks for."""
+        """Names of the checks that must pass before the contact closes."""
         return self._limits.required_age_s.names
 
     @property
     def status(self) -> VerificationStatus:
-        """What was shown of the calibration so far, and what speaks against it."""
+        """The verification so far: what is shown, and which contradictions stand."""
         contradiction, status = self.distortion.contradiction, self._verification.status
         if contradiction is None:
             return status
@@ -167,11 +171,13 @@ class Evidence:
         )
 
     def shows(self, fault: Fault) -> bool:
-        """True where the latest solution verified every parameter of that class."""
+        """Returns True where the latest solution verifies every parameter of that class."""
         return self._latest.shows(_REQUIRED_FOR[fault])
 
     def final(self) -> tuple[Check, ...]:
-        """Checks of the solution that showed most, the one over everything remembered among them."""
+        """The checks of the solution that determines most parameters; the solution over all motion that is kept is one
+        of the candidates.
+        """
         self._end()
         about_s = self._examiner.about_s
         whole = examine(self.window.since(self._valid_ns), self._reference, self._limits, about_s=about_s)
@@ -182,21 +188,21 @@ class Evidence:
         return (*best, *([] if self.distortion.check is None else [self.distortion.check]))
 
     def constant_latency(self) -> Check:
-        """The tracker's latency by everything remembered, taken for one that has not changed. Unlike `final` it drops
-        nothing as of before a change, so it knows more of a recording made to measure it.
+        """The tracker's latency from all motion that is kept, under the assumption that it has not changed. Unlike
+        `final` it keeps the motion before a change, so it is more accurate for a recording made to measure the latency.
         """
         return latency_of(examine(self.window, self._reference, self._limits, about_s=self._examiner.about_s))
 
     def second_opinion(self) -> SecondOpinion | None:
-        """The closed forms on everything remembered since the last change."""
+        """The closed-form estimate from all motion since the last change."""
         window = self.window.since(self._valid_ns)
         latency = window.latency(self._examiner.about_s)
         samples = window.samples(0.0 if latency is None else latency.value_s)
         return second_opinion(samples, self._reference)
 
     def _premature(self, failed: frozenset[str], now_ns: int) -> frozenset[str]:
-        """Those that have failed for less than the short window: what spoils them shows only once the window holds
-        nothing from before it.
+        """Returns `failed` until checks have failed for the length of the short window, then nothing: until that window
+        holds no motion from before the change, the values are not reliable.
         """
         if not failed:
             self._failing_ns = None
@@ -205,8 +211,8 @@ class Evidence:
         return failed if self._failing_ns is None or now_ns - self._failing_ns < CHANGE_WINDOW_NS else frozenset()
 
     def _of_same_breaths(self, finding: Finding, span_ns: int, now_ns: int) -> frozenset[str]:
-        """A scale that only followed breaths show, until it has failed for half the window's length: solutions in a row
-        are of the same breaths, and err alike.
+        """Returns the failed scales that rest on breathing alone, until they have failed for half the window's length,
+        then nothing: consecutive solutions use the same breaths and so share one error.
         """
         by_breaths = finding.solution is not None and finding.solution.noise.habits
         failed = BREATHED & finding.failed if by_breaths else frozenset[str]()
@@ -217,7 +223,7 @@ class Evidence:
         return failed if self._breathed_ns is None or now_ns - self._breathed_ns < span_ns / 2 else frozenset()
 
     def solve(self, now_ns: int) -> None:
-        """Begin a solution and end it."""
+        """Runs a solution from start to end."""
         self.begin(now_ns)
         self._end()
 
@@ -226,20 +232,20 @@ class Evidence:
             self.go_on(0)
 
     def begin(self, now_ns: int) -> None:
-        """Begin a solution of what is known now; one that is under way is dropped.
+        """Starts a solution of the current data; one in progress is dropped.
 
-        now_ns: time of the latest picture, which may have shown no motion.
+        `now_ns` is the time of the latest picture, which need not have shown motion.
         """
         self._under_way = self._solving(self.window.as_now(), now_ns)
         self._next_us = 0
 
     @property
     def under_way(self) -> bool:
-        """Whether a solution was begun, and not ended or dropped."""
+        """Whether a solution is in progress."""
         return self._under_way is not None
 
     def go_on(self, most_us: int) -> None:
-        """Do the next piece of the solution that is under way, and as many more as cost most_us with it."""
+        """Runs the next step of the solution in progress, and further steps while the total stays within `most_us`."""
         left_us = max(most_us, self._next_us)
         while self._under_way is not None and self._next_us <= left_us:
             left_us -= self._next_us
@@ -249,11 +255,11 @@ class Evidence:
             self._next_us = cost_us or 0
 
     def _solving(self, window: PathWindow, now_ns: int) -> Steps[None]:
-        """Examine the short window for a change, drop what came before one, and examine what is left. All of it is of
-        the motion of then, so that nothing becomes younger by being ready late; what forgets any of it, or takes a
-        contradiction from elsewhere, drops the rest.
+        """Examines the short window for a change, drops the motion before one, and examines the rest. All of it uses
+        the motion at the start, so a late result does not look newer than its data. Discarding any of that motion, or a
+        contradiction from another detector, cancels the solution.
 
-        window: what was remembered at now_ns.
+        `window` holds the motion kept at `now_ns`.
         """
         lagged_ns = yield from self._examiner.new_lag(window, now_ns)
         if lagged_ns is not None:
@@ -274,7 +280,9 @@ class Evidence:
         self.points.note(self._latest, now_ns, self.status, window.stamps_err_s)
 
     def check_obvious_flip(self) -> None:
-        """Look for a flip that needs no solution: at every picture of the first motion, while the polarity is open."""
+        """Looks for a mirrored picture without a solution: at every picture of the first motion, while the polarity is
+        undecided.
+        """
         if self._polarity_known or not 0 < self.window.span_ns < _OBVIOUS_FLIP_NS:
             return
         try:
@@ -294,10 +302,10 @@ class Evidence:
         return own.verdict is not VerdictKind.NOT_VERIFIED
 
     def _accused(self, finding: Finding, whole: PathWindow, now_ns: int) -> Steps[Accusation | None]:
-        """What the sequential test says; each contradiction withdraws the OK, and what was before the change is
-        dropped.
+        """Returns the result of the sequential test. Each contradiction withdraws the OK, and motion before the change
+        is dropped.
 
-        finding: of the short window, whose noise serves until some was learned from before it.
+        `finding` belongs to the short window, whose noise is used until noise from before the window has been learned.
         """
         learned = self._examiner.noises.of_motion(now_ns - WINDOW_NS)
         if finding.solution is None:
@@ -361,9 +369,10 @@ class Evidence:
             self._best = self._latest
 
     def _changed(self, short: Finding) -> dict[str, float] | None:
-        """What two short windows in a row show to be wrong, and by how much, where what came before it is dropped;
-        empty where what was wrong is mended. None where all of it is known and still as it was: dropped again and
-        again, no window would be long enough for the second of two faults at once.
+        """Returns the values of the parameters that two consecutive short windows show to be newly wrong; empty where a
+        fault seen before has been corrected. In both cases motion before that is dropped. Returns None where nothing is
+        new: if motion were dropped repeatedly, no window would become long enough for the second of two simultaneous
+        faults.
         """
         confirmed = [check for check in short.checks if check.name in short.failed & self._suspects]
         if any(_moved(check, self._culprits.get(check.name)) for check in confirmed):
@@ -372,16 +381,19 @@ class Evidence:
 
     @property
     def _witnessed(self) -> frozenset[str]:
-        """What the search for an explanation has found by itself: with a solution that shows it they are two."""
+        """Names the fault that the separate search for an explanation has found; a solution that shows it too is the
+        second confirmation.
+        """
         return frozenset({"latency"}) if self._examiner.about_s else frozenset()
 
     def _measured(
         self, recent: PathWindow, finding: Finding, whole: PathWindow, now_ns: int
     ) -> Steps[tuple[PathWindow, Finding]]:
-        """The shortest window that decides, and what it shows: younger motion keeps the contact closed for longer.
+        """Returns the shortest window that decides, and its finding, because newer motion keeps the contact closed for
+        longer.
 
-        finding: of the recent window, where there is nothing before it. While a contradiction stands, the longest is
-        left out: it would hold what made the contradiction for three times as long.
+        `finding` belongs to the recent window, where nothing precedes it. While a contradiction stands, the longest
+        window is left out: it would keep the motion that caused the contradiction for three times as long.
         """
         window = recent
         for span_ns in (PRESENT_NS,) if self._doubted else (PRESENT_NS, SWEEP_WINDOW_NS):
@@ -394,21 +406,21 @@ class Evidence:
         return window, finding
 
     def _due(self, long: PathWindow, short: Finding, now_ns: int) -> bool:
-        """Whether the long window is worth another solution, three times as costly as the short one's: it grows still,
-        or something speaks against its last.
+        """Whether another solution of the long window, three times as costly as one of the short window, is worthwhile:
+        the window still grows, or something contradicts its last solution.
         """
         doubted = bool(short.failed or self._suspects) or self._doubted
         return doubted or long.span_ns < PRESENT_NS or now_ns - self._long_ns >= SELDOM_NS
 
     @property
     def _doubted(self) -> bool:
-        """Whether a contradiction stands, but for one that may be a breath: only a long window can answer that."""
+        """Whether a contradiction stands, other than one that may be a breath, which only a long window can resolve."""
         contradictions = self._verification.contradictions
         return any(contradiction.named or contradiction.check.name not in BREATHED for contradiction in contradictions)
 
     def _contradict(self, checks: tuple[Check, ...], named: frozenset[str], whole: PathWindow) -> None:
-        """Take the contradictions among the checks. One that may be a breath, of a parameter that was not shown since
-        the window began, bars no motion: that motion may show that it was a breath.
+        """Takes the contradictions among the checks. A contradiction that may be a breath, of a parameter not shown
+        since the window began, excludes no motion: that motion may show that it was a breath.
         """
         before_ns = whole.start_ns - 1
         barred = {
@@ -423,8 +435,8 @@ class Evidence:
             self._verification.contradict(own, named, until_ns)
 
     def _accepted(self, finding: Finding, window: PathWindow, whole: PathWindow, now_ns: int) -> Steps[Finding]:
-        """What the finding shows, or where its window reaches back to the last contradiction of a fault, what motion
-        after the contradiction shows.
+        """Returns the finding; where its window reaches back to the last contradiction of a fault, returns the finding
+        of the motion after that contradiction.
         """
         last_contradiction_ns = self._verification.last_contradiction_ns
         if window.start_ns <= last_contradiction_ns and not finding.failed:
@@ -436,26 +448,28 @@ class Evidence:
 
 
 def _moved(check: Check, before: float | None) -> bool:
-    """Whether a parameter that is wrong is so otherwise than before, None for not at all."""
+    """Whether the parameter was not wrong before, or its wrong value has changed since by more than `_AS_IT_WAS` of its
+    limit.
+    """
     return before is None or abs(check.value - before) > _AS_IT_WAS * check.limit
 
 
 def _quick(finding: Finding) -> tuple[Check, ...]:
-    """The checks that a few seconds can decide."""
+    """Returns the checks that a few seconds of motion can decide."""
     return tuple(check for check in finding.checks if check.name not in _SLOW)
 
 
 def _punctual(finding: Finding, limits: Limits) -> bool:
-    """Whether the lag is shown within half its limit. A window that holds the onset of a larger one shows less of it
-    than there is, and what it makes of the scales is no less wrong; so the short window is to be asked.
+    """Whether the latency is shown to be within half of its limit. A window that contains the onset of a larger latency
+    underestimates it, and its scales are wrong too, so then the short window must be used.
     """
     lateness = latency_of(finding)
     return abs(lateness.value) + limits.confidence_sigma * lateness.sigma <= lateness.limit / 2
 
 
 def _with(finding: Finding, accusation: Accusation, reported: bool) -> Finding:
-    """The finding with what the accusation names in the place of the checks of these names. reported: False where a
-    higher threshold keeps the names back: then they are not verified, and what was measured to be a FAULT stays one.
+    """Returns the finding with the checks that the accusation names in place of the old ones. `reported` is False where
+    a higher threshold withholds the names: then these checks are not verified, and a measured FAULT stays a FAULT.
     """
     named = {check.name: check for check in accusation.checks if check.verdict is VerdictKind.FAULT}
     if not reported:
@@ -468,5 +482,5 @@ def _with(finding: Finding, accusation: Accusation, reported: bool) -> Finding:
 
 
 def _sharper_check(check: Check, whole: Check) -> Check:
-    """The one with the smaller sigma of two checks on one quantity; NaN loses."""
+    """Returns the check with the smaller sigma of two checks of one quantity; a NaN sigma counts as the larger."""
     return whole if isnan(check.sigma) or whole.sigma < check.sigma else check

@@ -1,4 +1,6 @@
-"""Examines windows by what is known beside them: the noise of those before, a far lag, and a latency that drifts."""
+"""Examines windows with the context around them: noise learned earlier, a latency far beyond its limit, and a drifting
+latency.
+"""
 
 from appliance.core.detectors.calibration_change import latency_check
 from appliance.core.path.conventions import Convention
@@ -28,8 +30,9 @@ which name it two seconds later."""
 
 
 class Examiner:
-    """noises: as learned. about_s: lag near which the latency is looked for; 0 where none beyond the limit is known.
-    explanation: the latest of a motion that the reference does not explain; None where there was none since a change.
+    """Examines windows of motion. `noises` are those learned so far. `about_s` is the latency around which the search
+    is centred; 0 where none beyond the limit is known. `explanation` is the latest one of motion that contradicts the
+    reference; None where there was none since a change.
     """
 
     def __init__(self, reference: Calibration, limits: Limits) -> None:
@@ -42,12 +45,12 @@ class Examiner:
         self._drifted: Latency | None = None
 
     def restart(self) -> None:
-        """The geometry has changed: what was measured before says nothing of what comes."""
+        """Discards all measurements, because the geometry has changed."""
         self.noises.restart()
         self._begin_lag_anew()
 
     def lose_sight(self) -> None:
-        """Restart, but keep how the patient breathes."""
+        """Restarts, but keeps the learned breathing of the patient."""
         self.noises.lose_sight()
         self._begin_lag_anew()
 
@@ -57,13 +60,15 @@ class Examiner:
         self._drifted = None
 
     def forget(self) -> None:
-        """Some motion was stamped wrongly."""
+        """Discards motion whose timestamps were wrong."""
         self._explained_ns = 0
         self._drift.clear()
         self._drifted = None
 
     def examined(self, window: PathWindow, start: Noise | None) -> Steps[Finding]:
-        """What the window shows; while breathing is not known, a wrong axial scale is a contradiction and not named."""
+        """Returns the finding of the window; until breathing is learned, a wrong axial scale is a contradiction but is
+        not named.
+        """
         finding = yield from examining(window, self._reference, self._limits, start, self.about_s)
         finding = finding if self.noises.breathing_known else without(finding, BREATHED & finding.failed)
         return self._with_drift(finding, window)
@@ -71,10 +76,11 @@ class Examiner:
     def look(
         self, remembered: PathWindow, recent: PathWindow, valid_ns: int, before_ns: int, now_ns: int
     ) -> Steps[Finding]:
-        """What the recent window shows, by noise from before_ns; where that leaves the motion unexplained, again by
-        what explains it.
+        """Returns the finding of the recent window, with the noise learned before `before_ns`. Where the motion stays
+        unexplained, an explanation is searched for; if it moves the latency, the window is examined again.
 
-        remembered: everything. valid_ns: of the last change; what is older explains nothing.
+        `remembered` is all motion that is kept. `valid_ns` is the time of the last change; older motion explains
+        nothing.
         """
         finding = yield from self.examined(recent, self.noises.for_window(recent, before_ns))
         # At every solution while there is less motion than is looked at, as each adds much to it.
@@ -87,7 +93,7 @@ class Examiner:
         return self._carried_on(finding, recent, now_ns)
 
     def new_lag(self, remembered: PathWindow, now_ns: int) -> Steps[int | None]:
-        """Stamp since which a lag explains the motion that has just begun; None where none has."""
+        """Returns the time since which a latency explains the motion that has just begun; None where none does."""
         beyond_s = self._limits.latency_ms / 1e3 + _SURELY_LATE_S
         found = yield from recent_lag(remembered, self._reference, beyond_s)
         if found is None or abs(found[1].latency_s - self.about_s) <= _OTHER_LAG_S:
@@ -97,7 +103,9 @@ class Examiner:
         return since_ns
 
     def _explain(self, window: PathWindow, now_ns: int) -> Steps[None]:
-        """Ask what else explains the motion; the fine search moves to a lag beyond its limit until another is found."""
+        """Searches for another explanation; the fine search stays centred on a latency beyond its limit until a
+        different one is found.
+        """
         self._explained_ns = now_ns
         found = yield from explain(window, self._reference)
         if found is None:
@@ -107,7 +115,7 @@ class Examiner:
         self.about_s = found.latency_s if late else 0.0
 
     def _carried_on(self, finding: Finding, recent: PathWindow, now_ns: int) -> Finding:
-        """Take what the short window shows of the latency at its middle, and see where it goes."""
+        """Records the latency that the short window shows at its middle, and updates its drift."""
         check = latency_of(finding)
         if agreed(finding) and check.shown_ns is not None:
             middle_ns = (recent.start_ns + recent.now_ns) // 2
@@ -116,7 +124,7 @@ class Examiner:
         return self._with_drift(finding, recent)
 
     def _with_drift(self, finding: Finding, window: PathWindow) -> Finding:
-        """A latency that has drifted beyond its limit by now is no OK; nor is it one that may have."""
+        """Withholds the OK of a latency that has drifted beyond its limit by now, or may have."""
         check = latency_of(finding)
         if self._drifted is None or not agreed(finding) or check.verdict is VerdictKind.FAULT:
             return finding
@@ -130,7 +138,8 @@ class Examiner:
 
 
 def _explained(finding: Finding) -> bool:
-    """Whether the reference at a known latency explains the motion: a wrong polarity looks like a lag, and like swapped
-    axes of the sensor."""
+    """Whether the reference with a known latency explains the motion: a wrong polarity can look like a latency, and
+    like swapped axes of the sensor.
+    """
     needed = {Fault.AGREEMENT, Fault.POLARITY, Fault.LATENCY}
     return needed <= {check.fault for check in finding.checks if check.verdict is VerdictKind.OK}

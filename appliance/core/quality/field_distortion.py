@@ -1,9 +1,10 @@
-"""Poses that are bent with the place: metal in the field of a tracker, or a camera that is out of adjustment.
+"""Detects poses whose error depends on the place: metal in the field of a tracker, or a camera that is out of
+adjustment.
 
-Over a few centimetres such an error grows in proportion to the way, and so do what the picture shows to be displaced
-and turned: slopes of the lateral and axial path and of the turn along each axis, but for the two that are a scale. A
-calibration that is wrong bends nothing; so what is weighed is whether slopes explain motion that no calibration does
-(docs/method.md, section 10).
+Over a few centimetres such an error grows in proportion to the distance, and so do the displacement and the turn that
+the picture shows: as slopes of the lateral and axial path and of the turn along each axis, except the two slopes that
+are a scale. A wrong calibration causes no slopes. The test is therefore whether slopes explain motion that no
+calibration explains (docs/method.md, section 10).
 """
 
 import numpy as np
@@ -48,9 +49,10 @@ else of the sequential test. More withdraws the OK later."""
 
 
 def distortion_nats(rows: Innovations) -> Steps[float | None]:
-    """How much better, nat, slopes explain the window than the best calibration alone, wherever it is and whatever its
-    latency creeps to; None for a window that decides nothing, as it is too short, the probe covers too little, or the
-    tissue gives way, which is not the same everywhere (21 nats in a healthy gesture over a half space).
+    """Returns by how much, nat, slopes explain the window better than the best calibration alone, whatever that
+    calibration is and however its latency drifts. Returns None for a window that is not conclusive: it is too short,
+    the probe covers too little, or the tissue gives way, which differs from place to place (21 nats in a healthy
+    gesture over a half space).
     """
     n = len(rows)
     least_mm = max(_LEAST_TRAVEL_MM, _BREATHS * rows.breathing_mm)
@@ -79,13 +81,13 @@ def distortion_nats(rows: Innovations) -> Steps[float | None]:
 
 
 def _best(columns: list[Array], value: Array, theta: Array, priors: list[Array]) -> Fit:
-    """Best fit of one linear model about theta (12,); everything after it counts from 0."""
+    """Finds the best fit of one linear model about theta, (12,); all later values are relative to theta."""
     rows, prior = np.vstack([*columns, value]), block_diag(*priors)
     return fitted(rows, _about(theta, len(prior)), *anywhere(len(prior)), prior)
 
 
 def _left(fit: Fit, columns: list[Array], value: Array, theta: Array) -> Array:
-    """(3 n,) innovations that a fit leaves."""
+    """Returns the innovations, (3 n,), that a fit leaves unexplained."""
     return np.asarray(value[0] + (fit.theta - _about(theta, fit.theta.size)) @ np.vstack(columns))
 
 
@@ -94,10 +96,11 @@ def _about(theta: Array, count: int) -> Array:
 
 
 class FieldDistortion:
-    """check: FAULT once named_nats have lasted; from DOUBTED_NATS on NOT_VERIFIED, which withholds the OK; else None.
-    nats: of the latest solution; None where that decided nothing. until_ns: newest motion that looked bent.
+    """Keeps the state of the check. `check` is FAULT once the evidence has stayed at or above `named_nats`,
+    NOT_VERIFIED from DOUBTED_NATS on, which withholds the OK, and None below. `nats` belongs to the latest solution;
+    None where that was not conclusive. `until_ns` is the newest motion that looked distorted.
 
-    Only motion ends it: what was seen or named stands until a window that lies wholly after that motion is not bent.
+    Only motion ends the state: it stands until a window that lies wholly after that motion shows no distortion.
     """
 
     def __init__(self, named_nats: float) -> None:
@@ -115,23 +118,24 @@ class FieldDistortion:
         return None if check is None else Contradiction(check, self.until_ns, check.verdict is VerdictKind.FAULT)
 
     def due(self, now_ns: int) -> bool:
-        """Whether `distortion_nats` is to be asked for by the solution at now_ns."""
+        """Whether the solution at `now_ns` should compute `distortion_nats`."""
         lately = self._asked_ns is not None and 0 <= now_ns - self._asked_ns < SELDOM_NS
         return not lately or (self.nats or 0.0) >= _WORTH_NATS
 
     def lose_sight(self) -> None:
-        """What was seen stands, as the contradictions of parameters do."""
+        """Keeps the result, as the contradictions of parameters are kept."""
         self._since_ns = self._asked_ns = self.nats = None
 
     def forget(self, since_ns: int) -> None:
-        """Motion at or after since_ns was stamped wrongly: what it showed counts as of just before."""
+        """Motion at or after `since_ns` had wrong timestamps: results that rest on it count as of just before."""
         self.lose_sight()
         self.until_ns = min(self.until_ns, since_ns - 1)
 
     def note(self, nats: float | None, start_ns: int, now_ns: int, explained: bool) -> bool:
-        """Take the solution at now_ns, of motion from start_ns on; return whether it has answered what was seen.
+        """Takes the solution at `now_ns`, of motion from `start_ns` on; returns whether it ends an earlier result.
 
-        explained: a calibration that is wrong is named, which may look bent; nothing is named beside it.
+        `explained` is True where a wrong calibration is named, which may look like a distortion; then no distortion is
+        named.
         """
         self._asked_ns, self.nats = now_ns, nats
         if nats is None or nats < self._named_nats or explained:
@@ -149,7 +153,7 @@ class FieldDistortion:
         return False
 
     def _see(self, nats: float, now_ns: int, explained: bool) -> None:
-        """nats: of the latest motion that looked bent."""
+        """Records the evidence, nat, of the latest motion that looked distorted."""
         held = self._since_ns is not None and now_ns - self._since_ns >= HELD_NS
         named = held or (self.check is not None and self.check.verdict is VerdictKind.FAULT)
         kind = VerdictKind.FAULT if named and not explained else VerdictKind.NOT_VERIFIED

@@ -1,7 +1,8 @@
-"""What the calibration has become, where motion shows that it is wrong: proposed to a person, never applied.
+"""Proposes new calibration values where motion shows that the calibration is wrong. A person decides; nothing is
+applied.
 
 As in the paper, registration and tracker recover rotation, in-plane offset and latency without a phantom; a scale or
-the offset across the picture (ζ) demands a recalibration.
+the offset across the picture (ζ) requires a recalibration.
 """
 
 from collections.abc import Sequence
@@ -20,7 +21,7 @@ RECOVERED = frozenset({*PARAMETERS[:3], "offset-lateral", "offset-axial"})
 
 
 class Step(Enum):
-    """What follows from a proposal; the value is the word for it in JSON."""
+    """The action that follows from a proposal; the value is its name in JSON."""
 
     SET_LATENCY = "set-latency"
     TAKE_X = "take-x"
@@ -29,8 +30,9 @@ class Step(Enum):
 
 @dataclass(frozen=True, slots=True)
 class NewValue:
-    """New value of a parameter that is shown to be wrong. was, now: rotations about the picture's axes from the
-    reference, deg; scales mm/px; offsets mm; latency ms, what the tracker's URL states and what it ought to state.
+    """The new value of a parameter that is shown to be wrong. `was` and `now` are, for rotations, angles about the
+    picture's axes from the reference, deg; for scales mm/px; for offsets mm; for the latency ms, as the tracker's URL
+    states it and as it should state it.
     """
 
     name: str
@@ -41,7 +43,7 @@ class NewValue:
 
     @property
     def text(self) -> str:
-        """One clause."""
+        """The change as one clause."""
         digits = 4 if self.unit == "mm/px" else 1
         now, sigma, was = (f"{number:.{digits}f}" for number in (self.now, self.sigma, self.was))
         return f"{self.name} is now {now} ± {sigma} {self.unit}, was {was} {self.unit}"
@@ -49,8 +51,8 @@ class NewValue:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Proposal:
-    """values: what is wrong. steps: what follows. calibration: the reference with all that motion recovers of X, where
-    that is all that is wrong of it, else None.
+    """What is proposed. `values` lists what is wrong, `steps` the actions. `calibration` is the reference with every
+    part of X that motion recovers; None where X is not the only thing wrong with it.
     """
 
     values: tuple[NewValue, ...]
@@ -59,12 +61,12 @@ class Proposal:
 
     @property
     def about(self) -> tuple[str, ...]:
-        """Names of what is wrong."""
+        """Names of the parameters that are wrong."""
         return tuple(value.name for value in self.values)
 
     @property
     def text(self) -> str:
-        """One sentence of clauses, in English."""
+        """The proposal as one English sentence of clauses."""
         step_texts = {
             Step.SET_LATENCY: f"set latency_ms={self.values[0].now:.0f} in the tracker's URL and restart the service",
             Step.TAKE_X: "write it with 'probewatch calibration recover' and take it with 'probewatch calibration use'",
@@ -74,11 +76,11 @@ class Proposal:
 
 
 def propose(checks: Sequence[Check], reference: Calibration, latency_ms: float) -> Proposal | None:
-    """None where no parameter is shown to be wrong by motion, or where the picture is mirrored or the tracker's field
-    looks bent, so that none is known.
+    """Returns the proposal; None where motion shows no parameter to be wrong, or where the picture is mirrored or the
+    tracker's field looks distorted, so that no parameter is known.
 
-    A latency alone is proposed before anything else: what a late tracker says of X is not X. latency_ms: what the
-    tracker's URL states.
+    A latency is proposed alone and first: what a late tracker shows of X is wrong. `latency_ms` is the value stated in
+    the tracker's URL.
     """
     wrong = {check.name: check for check in checks if check.name in MEASURED and _shown_wrong(check)}
     mirrored = any(check.fault is Fault.POLARITY and check.verdict is VerdictKind.FAULT for check in checks)
@@ -96,7 +98,7 @@ def propose(checks: Sequence[Check], reference: Calibration, latency_ms: float) 
 
 
 def proposal_fields(proposal: Proposal) -> dict[str, Any]:
-    """Ready for JSON, in English."""
+    """Returns the proposal for JSON, in English."""
     return {
         "text": proposal.text,
         "values": [asdict(value) for value in proposal.values],
@@ -119,7 +121,9 @@ def _new_value(check: Check, reference: Calibration) -> NewValue:
 
 
 def _recovered(checks: Sequence[Check], reference: Calibration) -> Calibration:
-    """What was not measured, and what motion alone does not recover, stays the reference's."""
+    """Returns the calibration with the recovered values; parameters that were not measured, or that motion does not
+    recover, keep those of the reference.
+    """
     measured = {check.name: check.value for check in checks if check.name in RECOVERED and isfinite(check.value)}
     change = np.array([measured.get(name, 0.0) for name in PARAMETERS]) / PER_UNIT[: len(PARAMETERS)]
     return reference.changed(change)

@@ -1,7 +1,7 @@
-"""What motion has shown of each parameter, until something contradicts it.
+"""Keeps what motion has shown of each parameter, until a measurement contradicts it.
 
-An OK is withdrawn by the first contradiction; only naming the fault waits for more. It comes back from motion that
-lies wholly after the last contradiction, so that what is left of the fault in the window cannot be averaged away.
+The first contradiction withdraws an OK; only naming the fault waits for more evidence. The OK returns through motion
+that lies wholly after the last contradiction, so that averaging cannot hide a fault that is still partly in the window.
 """
 
 from collections.abc import Iterable
@@ -32,10 +32,11 @@ class Contradiction:
 
 @dataclass(frozen=True, slots=True)
 class VerificationStatus:
-    """How far a calibration is verified by all that was shown of it.
+    """How far a calibration is verified, by everything shown so far.
 
-    required: names of the checks that the contact asks for. verified_ns, expires_ns: as in `Verdict`. contradictions:
-    those that nothing has answered yet, the worst first. rivals: as in `Verdict`, of those that stand.
+    `required` holds the names of the checks that must pass before the contact closes. `verified_ns` and `expires_ns`
+    are as in `Verdict`. `contradictions` holds those not yet resolved, worst first. `rivals` is as in `Verdict`, of
+    contradictions that stand.
     """
 
     required: tuple[str, ...]
@@ -46,8 +47,8 @@ class VerificationStatus:
 
 
 class Verification:
-    """Keeps, for each parameter, when motion last showed it and the last contradiction of it. stationary: for how long
-    the probe rested since then, which extends the ages.
+    """Records, for each parameter, when motion last showed it and when it was last contradicted. `stationary` is how
+    long the probe has rested since then, which extends the maximum ages.
     """
 
     def __init__(self, limits: Limits, stationary: StationaryTime) -> None:
@@ -59,12 +60,14 @@ class Verification:
         self._rivals: tuple[Rival, ...] = ()
 
     def restart(self) -> None:
-        """The geometry has changed: nothing is shown any more. Contradictions stand until new motion answers them."""
+        """Discards what was shown, because the geometry has changed. Contradictions stand until new motion resolves
+        them.
+        """
         self._shown_ns.clear()
 
     def forget(self, since_ns: int) -> None:
-        """Motion at or after since_ns was stamped wrongly: it shows nothing, and a contradiction of it is one of just
-        before.
+        """Motion at or after `since_ns` had wrong timestamps: it shows nothing, and a contradiction by it counts as one
+        of just before.
         """
         self._shown_ns = {name: t_ns for name, t_ns in self._shown_ns.items() if t_ns < since_ns}
         self._contradictions = {
@@ -74,36 +77,36 @@ class Verification:
 
     @property
     def contradictions(self) -> tuple[Contradiction, ...]:
-        """Those that nothing has answered yet, the worst first."""
+        """The contradictions not yet resolved, worst first."""
         return tuple(sorted(self._contradictions.values(), key=lambda contradiction: -contradiction.check.ratio))
 
     @property
     def shown(self) -> frozenset[str]:
-        """Names of the checks that motion has shown since the last loss of sight, of whatever age."""
+        """Names of the checks that motion has shown since the last loss of sight, regardless of age."""
         return frozenset(self._shown_ns)
 
     def rested_ns(self, name: str) -> int:
-        """How long the probe has rested since this check was last shown. For a latency only while the rest lasts:
-        it shows none, and may have changed all the while.
+        """Returns how long the probe has rested since this check was last shown, ns. For a latency this counts only
+        while the rest lasts: rest does not show a latency, so it may have changed meanwhile.
         """
         shown_ns = self._shown_ns.get(name)
         return 0 if shown_ns is None else self._stationary.since(shown_ns, lasting=name == "latency")
 
     @property
     def rivals(self) -> tuple[Rival, ...]:
-        """Those that were accused last, as long as a contradiction of each stands and none is named."""
+        """The candidates accused last, as long as a contradiction of each stands and none of them is named."""
         unnamed = {name for name, contradiction in self._contradictions.items() if not contradiction.named}
         return self._rivals if unnamed.issuperset(rival.check.name for rival in self._rivals) else ()
 
     @property
     def last_contradiction_ns(self) -> int:
-        """Newest motion of any contradiction that stands; 0 where there is none."""
+        """The newest motion of any contradiction that stands; 0 without one."""
         return max((contradiction.until_ns for contradiction in self._contradictions.values()), default=0)
 
     @property
     def status(self) -> VerificationStatus:
-        """The status as of now: verified where each required parameter was shown, and none, required or not, is
-        contradicted.
+        """Returns the present status: verified where motion showed every required parameter, and no parameter, required
+        or not, is contradicted.
         """
         required = tuple(self._ages_s)
         if self._contradictions or not self._shown_ns.keys() >= self._ages_s.keys():
@@ -113,8 +116,8 @@ class Verification:
         return VerificationStatus(required, min(self._shown_ns[name] for name in required), min(own_ns, default=None))
 
     def contradict(self, checks: Iterable[Check], named: frozenset[str], until_ns: int) -> None:
-        """Take the contradictions among the checks, which are of motion up to until_ns. named: those that are reported
-        as FAULT.
+        """Takes the contradictions among the checks, from motion up to `until_ns`. `named` holds those reported as
+        FAULT.
         """
         for check in checks:
             if self._beyond(check):
@@ -123,17 +126,17 @@ class Verification:
     def accuse(
         self, checks: Iterable[Check], named: frozenset[str], until_ns: int, rivals: tuple[Rival, ...] = ()
     ) -> None:
-        """Take each of the checks as a contradiction, whatever its own sigma: together they explain what nothing within
-        the limits does. rivals: among them, where it is not known which.
+        """Takes each of the checks as a contradiction, whatever its own sigma: together they explain what no value
+        within the limits explains. `rivals` are those among them between which the cause is undecided.
         """
         for check in checks:
             self._add(check, check.name in named, until_ns)
         self._rivals = rivals
 
     def weigh(self, checks: tuple[Check, ...], since_ns: int) -> tuple[Check, ...]:
-        """Accept what the checks show, over motion from since_ns on; an OK that is not accepted is NOT_VERIFIED.
+        """Accepts the checks, measured by motion from `since_ns` on; an OK that is not accepted becomes NOT_VERIFIED.
 
-        Each comes back with the time by which its parameter was last shown; None where that is not so.
+        Each check is returned with the time by which its parameter was last shown; None where it was not.
         """
         return tuple(self._weighed(check, since_ns) for check in checks)
 
@@ -145,7 +148,9 @@ class Verification:
         self._shown_ns.pop(check.name, None)
 
     def _beyond(self, check: Check) -> bool:
-        """Whether it is beyond by its own sigmas, also where naming it waits for the latency to be known."""
+        """Whether the value is beyond its limit by its own sigmas, also where naming it waits until the latency is
+        known.
+        """
         surely = check.name in PARAMETERS and check.least_ratio(self._confidence_sigma) > 1
         return surely or check.verdict is VerdictKind.FAULT
 
@@ -161,8 +166,8 @@ class Verification:
         return replace(check, verdict=verdict, shown_ns=self._shown_ns.get(check.name))
 
     def _answered(self, check: Check, contradiction: Contradiction, since_ns: int) -> bool:
-        """Whether motion wholly after the contradiction shows the parameter with room, or, where the contradiction was
-        never confirmed, measures it as sharply and finds it within its limit.
+        """Whether motion wholly after the contradiction resolves it: it shows the parameter with margin, or, for a
+        contradiction that was never confirmed, measures it as accurately and within its limit.
         """
         if since_ns <= contradiction.until_ns or not isfinite(check.value):
             return False

@@ -1,4 +1,4 @@
-"""What happens to the service, written to the alarm log, which remembers it, and to the journal, which shows it."""
+"""Writes the service's events to the alarm log, which keeps them, and to the journal."""
 
 from typing import Any
 
@@ -11,9 +11,10 @@ from appliance.types import AlarmState
 
 
 class EventLog:
-    """simulated: URLs of the sources that are no real device; every state and reference says so.
+    """Writes events. `simulated` lists the URLs of sources that are not real devices; every state and reference entry
+    states them.
 
-    alarm: the one in force, None before the first; what it has latched goes with every entry.
+    `alarm` is the current alarm, None before the first; its latched state is part of every entry.
     """
 
     def __init__(self, recorder: Recorder, simulated: tuple[str, ...]) -> None:
@@ -25,24 +26,24 @@ class EventLog:
         self._log = get_log()
 
     def note(self, event: Event, **data: Any) -> None:
-        """Write it to the alarm log alone."""
+        """Writes an entry to the alarm log only."""
         self._recorder.note(event, self._latch(), **data)
 
     def started(self, current: Reference | None, origin: dict[str, Any]) -> None:
-        """origin: what the verdicts rest on, the reference `current` among it."""
+        """Records the start. `origin` says what the verdicts rest on, including the `current` reference."""
         self._noted_reference = None if current is None else current.entry.number
         self.note(Event.STARTED, found=[*self._recorder.damage], **origin)
         self._log.info("started", **origin)
 
     def state(self, before: AlarmState | None, alarm: AlarmState) -> None:
-        """State or fault has changed; the journal gets states alone."""
+        """Records a change of state or fault; the journal gets changes of state only."""
         said = {"state": alarm.state.value, "fault": alarm.fault, "reason": alarm.reason, **self._simulated}
         if before is None or before.state is not alarm.state:
             self._log.info("state", **said)
         self.note(Event.STATE, **said)
 
     def reference(self, reference: Reference) -> None:
-        """Note that it has just come in force; the one that the start entry named is known."""
+        """Records that a reference has come into force, unless the start entry already named it."""
         if reference.entry.number == self._noted_reference:
             return
         self._noted_reference = reference.entry.number
@@ -51,7 +52,7 @@ class EventLog:
         self.note(Event.REFERENCE, **said)
 
     def overdue(self, why: str) -> None:
-        """Which date of the reference has passed; empty while none has. Told once for each."""
+        """Returns which date of the reference has passed, empty while none has. Each date is reported once."""
         if why == self._noted_overdue:
             return
         self._noted_overdue = why

@@ -1,5 +1,6 @@
-"""What motion proposes and what it leaves undecided, kept for the person who comes to the cart later, and in the alarm
-log."""
+"""Keeps the proposals and undecided faults that motion shows, for the person who comes to the cart later and for the
+alarm log.
+"""
 
 from collections.abc import Sequence
 from typing import Any
@@ -14,8 +15,8 @@ from appliance.types import AlarmState, State, Verdict
 
 
 class Proposals:
-    """current: the latest since the calibration was verified last, under the reference in force; None where there is
-    none. Each is noted once in the alarm log, and each choice between the same classes.
+    """`current` is the latest proposal since the calibration was last verified under the present reference; None
+    without one. Each proposal, and each undecided choice between the same classes, is logged once in the alarm log.
     """
 
     def __init__(self, events: EventLog) -> None:
@@ -26,7 +27,7 @@ class Proposals:
         self._noted: set[tuple[str, ...]] = set()
 
     def step(self, alarm: AlarmState, verdict: Verdict | None, reference: Reference | None, latency_ms: float) -> None:
-        """Take what is in force at this tick. latency_ms: what the tracker's URL states."""
+        """Takes the proposal and choice of this tick. `latency_ms` is the value stated in the tracker's URL."""
         number = None if reference is None else reference.entry.number
         if alarm.state is State.MONITORING or number != self._reference:
             self.current, self._reference = None, number
@@ -43,7 +44,7 @@ class Proposals:
             self._note(Event.UNDECIDED, names, text=verdict.reason, names=names)
 
     def fields(self, language: str) -> dict[str, Any] | None:
-        """Ready for JSON; text in the language of the room."""
+        """Returns the proposal for JSON, in the language of the room."""
         proposal = self.current
         if proposal is None:
             return None

@@ -1,4 +1,4 @@
-"""What a person may ask over the control socket, and what becomes of it."""
+"""Defines the requests that a person may send over the control socket, and carries them out."""
 
 import math
 import pwd
@@ -37,10 +37,10 @@ _FIELDS: Mapping[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True, slots=True)
 class ServiceActions:
-    """What a request may do to the service. note: adds an entry to the alarm log.
+    """The actions of the service that a request may call. `note` adds an entry to the alarm log.
 
-    onlookers: ids of the users who may ask for the status and for nothing else. worker: for the list of users, and for
-    nothing else, so that a list that hangs keeps no file waiting.
+    `onlookers` holds the ids of the users who may ask for the status only. `worker` reads the list of users and does
+    nothing else, so that a list that hangs delays no file access.
     """
 
     ask: Callable[[Request], AlarmState | None]
@@ -57,8 +57,8 @@ class ServiceActions:
 
 
 class Requests:
-    """One method a request; each raises ControlRefused, or ConfigurationError for a file. What is granted is noted; so
-    that no client can flood the log, each user may ask only so often.
+    """Handles requests, one method for each; each raises ControlRefused, or ConfigurationError for a file. Every
+    granted request is logged, and the rate per user is limited, so that no client can flood the log.
     """
 
     def __init__(self, actions: ServiceActions) -> None:
@@ -83,11 +83,13 @@ class Requests:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Everything that can be asked."""
+        """Names of all requests."""
         return tuple(self._table)
 
     def answer(self, do: str, body: Body, who: Peer) -> Reply:
-        """Fields of the reply. who: the asking process, as the kernel knows it. `ignored` names what means nothing."""
+        """Returns the fields of the reply. `who` is the calling process as the kernel reports it. `ignored` lists
+        fields without meaning.
+        """
         reply = self._answered(do, body, who)
         ignored = unknown_fields(body, ("reason", *_FIELDS.get(do, ())))
         return {**reply, "ignored": ignored} if ignored else reply
@@ -127,7 +129,9 @@ class Requests:
         self._actions.note(Event.REQUEST, do=do, who=self._asking, **said)
 
     def _name(self, uid: int) -> str:
-        """Looked up once; a list of users may be on a disk, or on the network, that does not answer."""
+        """Returns the user's name, looked up once: the list of users may be on a disk or a network that does not
+        respond.
+        """
         try:
             if uid not in self._names:
                 self._names[uid] = self._actions.worker.run("the list of users", lambda: pwd.getpwuid(uid).pw_name)
@@ -136,7 +140,7 @@ class Requests:
             return f"uid {uid}"
 
     def _acknowledge(self) -> Reply:
-        """What was acknowledged, which another alarm may follow at once."""
+        """Acknowledges the alarm and returns what was acknowledged; another alarm may follow immediately."""
         seen = self._actions.ask(Request.ACKNOWLEDGE)
         return {} if seen is None else {"acknowledged": f"{seen.state.value}: {seen.reason}"}
 
@@ -147,7 +151,7 @@ class Requests:
         self._actions.hold.begin(self._peer, self._asking, hold_s, self._actions.now_ns())
 
     def _end_recalibration(self, body: Body) -> None:
-        """End it; from then on the service proves by itself what was taken."""
+        """Ends the recalibration; from then on the service itself verifies the new reference."""
         self._refuse_other()
         self._actions.recalibration.end(_wanted(body, self._asking))
         self._actions.hold.give()
@@ -158,7 +162,7 @@ class Requests:
         self._actions.hold.release()
 
     def _refuse_other(self, begins: bool = False) -> None:
-        """Raises ControlRefused while another recalibrates than who asks now."""
+        """Raises ControlRefused while a process other than the caller is recalibrating."""
         self._actions.hold.refuse_other(self._peer, self._actions.now_ns(), begins)
 
     def _pause_audio(self, body: Body) -> None:
@@ -183,7 +187,7 @@ class Requests:
 
 
 def _wanted(body: Body, who: str) -> Wanted:
-    """The file, or the number, that is to become the reference. Raises ControlRefused."""
+    """Returns the file, or the number, that is to become the reference. Raises ControlRefused."""
     confirm = body.get("confirm", "")
     if not isinstance(confirm, str):
         raise ControlRefused("confirm must repeat the difference that is accepted")

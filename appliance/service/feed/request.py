@@ -1,4 +1,4 @@
-"""What a client of the feed asks for, in its one line of JSON."""
+"""The request of a client of the feed, one line of JSON."""
 
 import json
 from dataclasses import dataclass
@@ -17,8 +17,9 @@ _MOST_EVERY, _LEAST_PX, _MOST_PX = 1000, 16, 16_384
 
 @dataclass(frozen=True, slots=True)
 class FeedRequest:
-    """pictures: whether frames come at all. every: one of so many of them. most_px: longest side of a picture, which is
-    averaged over whole blocks of pixels to fit; None leaves it as it is. ignored: fields that mean nothing here.
+    """`pictures` says whether frames are sent. `every` selects one of so many frames. `most_px` limits the longest side
+    of a picture, which is averaged over whole blocks of pixels to fit; None leaves the size unchanged. `ignored` lists
+    fields without meaning here.
     """
 
     pictures: bool = True
@@ -27,13 +28,13 @@ class FeedRequest:
     ignored: tuple[str, ...] = ()
 
     def line(self) -> bytes:
-        """The line as it is sent."""
+        """The request as the line that is sent."""
         asked = {"v": VERSION, "pictures": self.pictures, "every": self.every, "most_px": self.most_px}
         return json.dumps(asked).encode() + b"\n"
 
 
 def request_of(line: bytes) -> FeedRequest:
-    """Raises ProtocolError, in words for the client."""
+    """Parses a request. Raises ProtocolError with a message for the client."""
     try:
         asked = request_fields(line, VERSION)
     except ValueError as error:

@@ -1,4 +1,4 @@
-"""A client's request, one line of JSON, to its fields; control socket and feed read the same way."""
+"""Parses a client's request, one line of JSON, into its fields, for the control socket and the feed."""
 
 import json
 from collections.abc import Iterable
@@ -12,7 +12,7 @@ _LONGEST_NAME, _MOST_NAMES = 40, 8
 
 
 def request_fields(line: bytes, version: int) -> dict[str, Any]:
-    """The fields of {"v": version, …}. Raises ValueError, in words for the client."""
+    """Returns the fields of {"v": version, …}. Raises ValueError with a message for the client."""
     try:
         fields = json.loads(line, object_pairs_hook=_once, parse_constant=_no_number)
     except (RecursionError, UnicodeDecodeError, json.JSONDecodeError):
@@ -28,17 +28,17 @@ def request_fields(line: bytes, version: int) -> dict[str, Any]:
 
 
 def unknown_fields(fields: Iterable[str], known: Iterable[str]) -> tuple[str, ...]:
-    """Names of a request's fields that mean nothing to it, as the reply may show them; `v` and `do` always do.
+    """Returns the names of a request's fields that have no meaning, for the reply; `v` and `do` always have one.
 
-    Within a version fields may be added, so that a newer client is answered; what was misspelt is reported to the
-    client.
+    Fields may be added within a version, so a newer client still gets its reply, and a misspelt field is reported to
+    the client.
     """
     unknown = (printable(name)[:_LONGEST_NAME] for name in fields if name not in {"v", "do", *known})
     return tuple(islice(unknown, _MOST_NAMES))
 
 
 def _once(pairs: Iterable[tuple[str, Any]]) -> dict[str, Any]:
-    """A field that comes twice means something else to every reader."""
+    """Refuses a field that is given twice, because readers interpret it differently."""
     fields: dict[str, Any] = {}
     for key, value in pairs:
         if key in fields:
