@@ -192,7 +192,7 @@ def test_a_file_that_was_changed_while_a_person_thought_is_not_overwritten(day: 
         person.sees("Write it? [Y/n]")
         day.file.write_text(template() + "# another person\n")
         person.types("y")
-        person.sees("was changed by somebody else")
+        person.sees("was changed by another program")
         assert person.ends() == 78
     assert day.file.read_text().endswith("# another person\n")
 

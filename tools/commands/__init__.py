@@ -1,1 +1,3 @@
-"""One subcommand of `probewatch` a file, named as it is typed; what is longer than a command lives elsewhere."""
+"""The subcommands of `probewatch`, one file each, named like the command. Code longer than a command is in other
+folders.
+"""

@@ -1,4 +1,4 @@
-"""`probewatch ack`: a person has seen the alarm."""
+"""`probewatch ack`: acknowledges the alarm."""
 
 from pathlib import Path
 
@@ -41,7 +41,7 @@ def command(control_socket: Path, bump: bool) -> None:
 
 
 def _acknowledged(client: ControlClient) -> str:
-    """What was. Raises ControlRefused."""
+    """Returns what was acknowledged. Raises ControlRefused."""
     try:
         return client.acknowledge()
     except ControlRefused as error:

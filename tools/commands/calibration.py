@@ -1,4 +1,4 @@
-"""`probewatch calibration`: which reference is in force, which were, how they differ, and back to an earlier one."""
+"""`probewatch calibration`: shows the references and how they differ, and changes the one in force."""
 
 import hashlib
 import os
@@ -85,8 +85,8 @@ def list_references(folder: Path, as_json: bool) -> None:
 @folder_option
 @click.option("--content", is_flag=True, help="print the calibration file itself, byte for byte")
 def show(number: int | None, folder: Path, content: bool) -> None:
-    """Everything that is known of reference NUMBER, or of the one in force: also who made and signed it, and until when
-    it holds. What is missing, a placeholder, or a date that cannot be, is told in lines that begin with "!".
+    """Everything known about reference NUMBER, or about the one in force, including who made and signed it, and until
+    when it is valid. Missing data, a placeholder or an impossible date is marked with "!".
     """
     history = _history(folder)
     entry = history.entry(len(history.entries) if number is None else number)
@@ -120,7 +120,8 @@ def _show_paperwork(folder: Path, entry: Entry) -> None:
 
 
 def _cart() -> Config | None:
-    """The configuration of the cart that is meant; None where none is named and this computer has none to read.
+    """Returns the configuration of the selected cart; None where none is named and this computer has none that can be
+    read.
 
     Raises ConfigurationError for one that was named.
     """
@@ -146,7 +147,7 @@ def _due_days() -> int | None:
 def diff(before: str, after: str, folder: Path, as_json: bool) -> None:
     """How AFTER differs from BEFORE; each is the number of a reference, or a file.
 
-    Where the cart's limits make a person accept the difference, that is told; in JSON as beyond_limits.
+    Where a person must accept the difference under the cart's limits, the output says so; in JSON as beyond_limits.
     """
     first, second = _pair(before, after, folder)
     change, cart = difference(first, second), _cart()
@@ -184,7 +185,8 @@ def use(file: Path, control_socket: Path, yes: bool, wait_s: float) -> None:
 @_YES
 @_WAIT
 def back(number: int, control_socket: Path, yes: bool, wait_s: float) -> None:
-    """Go back to reference NUMBER of the history: a change like any other, stated, accepted, logged and verified again.
+    """Go back to reference NUMBER of the history. This is a change like any other: shown, accepted, logged and verified
+    again.
 
     Exit codes are those of `use`.
     """
@@ -322,7 +324,9 @@ def _change(wanted: Path | int, socket: Path, yes: bool, wait_s: float) -> None:
 
 
 def _refuse_unusable(file: Path) -> None:
-    """Raises ConfigurationError for what no service could use; what only the service may read is for it to judge."""
+    """Raises ConfigurationError for a file that no service can use; a file that only the service can read is left to
+    the service.
+    """
     if file.exists() and not os.access(file, os.R_OK):
         return
     if file.name.isdecimal() and not file.exists():
@@ -351,13 +355,15 @@ def _history(folder: Path) -> History:
 
 
 def _pair(before: str, after: str, folder: Path) -> tuple[Calibration, Calibration]:
-    """Both calibrations. A device set gets the size of the pictures from the other side."""
+    """Returns both calibrations. A device set takes the picture size from the other calibration."""
     first, second = _Named(before, folder), _Named(after, folder)
     return first.calibration(second.size_px), second.calibration(first.size_px)
 
 
 class _Named:
-    """The number of a reference, or a file. size_px: (width, height) of its pictures, None where it does not say."""
+    """The number of a reference, or a file. `size_px` is (width, height) of its pictures, None where the file does not
+    state it.
+    """
 
     def __init__(self, name: str, folder: Path) -> None:
         entry = _history(folder).entry(int(name)) if name.isdecimal() else None

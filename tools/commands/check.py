@@ -1,4 +1,4 @@
-"""`probewatch check FILE`: everything that can be wrong with a configuration, without starting anything."""
+"""`probewatch check FILE`: lists every mistake in a configuration, without starting anything."""
 
 import sys
 from collections.abc import Iterator
@@ -56,15 +56,15 @@ def command(file: Path) -> None:
 
 
 def calibration_remarks(text: str, file: Path) -> tuple[str, ...]:
-    """What the calibration of a configuration without mistakes asks of whoever takes it, one a line."""
+    """Returns what a person who uses the calibration of a valid configuration must know, one remark per line."""
     place = config_of(text, file).calibration
     return () if place.file is None else remarks(calibration_bytes(place.file), place.image_size_px)
 
 
 def mistakes_in(text: str, file: Path) -> list[str]:
-    """Everything that is wrong with a configuration and the calibration it names, one a line.
+    """Returns every mistake in a configuration and in the calibration it names, one per line.
 
-    file: where it lies, or is to lie.
+    `file` is its present or future path.
     """
     try:
         config = config_of(text, file)
@@ -74,12 +74,12 @@ def mistakes_in(text: str, file: Path) -> list[str]:
 
 
 def rows(error: ConfigurationError) -> list[str]:
-    """Every mistake of it, one a line."""
+    """Returns every mistake, one per line."""
     return error.rows() if isinstance(error, Mistakes) else [str(error)]
 
 
 def _options(config: Config, file: Path) -> Iterator[str]:
-    """What the options of the URLs say that cannot be."""
+    """Yields the mistakes in the options of the URLs."""
     named = [("[video]", config.video.url, "video"), ("[tracker]", config.tracker.url, "tracker")]
     named += [(f"[output] entry {number}", output.url, "output") for number, output in enumerate(config.output, 1)]
     for section, url, kind in named:
@@ -90,7 +90,9 @@ def _options(config: Config, file: Path) -> Iterator[str]:
 
 
 def calibration_mistakes(place: CalibrationPlace) -> list[str]:
-    """Why the file that is named cannot be the reference, one a line; none where it can, or where none is named."""
+    """Returns why the named file cannot be the reference, one reason per line; empty where it can, or where none is
+    named.
+    """
     if place.file is None:
         return []
     try:

@@ -1,4 +1,4 @@
-"""`probewatch configure`: the configuration of a cart, written without an editor."""
+"""`probewatch configure`: writes the configuration of a cart, without an editor."""
 
 import difflib
 import os
@@ -65,24 +65,26 @@ refused, or cannot be written. 130: declined.
 
 
 class _Person:
-    """Who answers. is_there: whether anybody can be asked. sees_less: the service sees less of the files than they."""
+    """The person who answers. `is_there` is False without a terminal. `sees_less` is True where the service can read
+    fewer files than the person.
+    """
 
     def __init__(self, sees_less: bool = False) -> None:
         self.is_there = sys.stdin.isatty()
         self.sees_less = sees_less
 
     def ask(self, question: str, default: str, option: str) -> str:
-        """Raises ConfigurationError where nobody can be asked."""
+        """Asks. Raises ConfigurationError without a terminal."""
         if not self.is_there:
             raise ConfigurationError("needs an answer, and there is no terminal", question, f"Give {option}")
         return str(click.prompt(question, default=default or None, show_default=bool(default))).strip()
 
     def misplaced(self, file: Path) -> str:
-        """Why the service cannot see a file that they name; empty where it can."""
+        """Returns why the service cannot read a file that the person names; empty where it can."""
         return unseen(file) if self.sees_less else ""
 
     def agrees(self, question: str, default: bool, option: str) -> bool:
-        """Raises ConfigurationError where nobody can be asked."""
+        """Asks for confirmation. Raises ConfigurationError without a terminal."""
         if not self.is_there:
             raise ConfigurationError("needs an answer, and there is no terminal", question, f"Give {option}")
         return click.confirm(question, default=default)
@@ -164,7 +166,7 @@ def _refuse_unwritable(file: Path) -> None:
 
 
 def _known(text: str, file: Path) -> Config:
-    """What the file says already. Raises ConfigurationError where it cannot be used as it is."""
+    """Returns the configuration in the file. Raises ConfigurationError where it is invalid."""
     try:
         return config_of(text, file)
     except ConfigurationError as error:
@@ -176,8 +178,9 @@ def _known(text: str, file: Path) -> Config:
 
 @dataclass(frozen=True, slots=True)
 class _Device:
-    """One of them. given: its URL by option. before: what the file says; the service may hold that, so it is not tried.
-    try_it: raises ProbewatchError for a (URL, kind) that does not work; None tries nothing.
+    """One of the devices. `given` is its URL from the option. `before` is the URL in the file; the service may hold
+    that device, so it is not tested. `try_it` tests a (URL, kind) and raises ProbewatchError where it fails; None skips
+    the test.
     """
 
     kind: str
@@ -187,13 +190,13 @@ class _Device:
 
     @property
     def option(self) -> str:
-        """What gives it without a question."""
+        """The option that answers instead of the question."""
         return f"--{'contact' if self.kind == 'output' else self.kind} URL"
 
     def url(self, person: _Person, look: Callable[[], Iterator[tuple[str, str]]]) -> str:
-        """By option, or by question. look: (URL, title) of what is connected.
+        """Returns the URL, from the option or the answer. `look` lists (URL, title) of connected devices.
 
-        Raises ProbewatchError for an option's URL that cannot be, or that does not work.
+        Raises ProbewatchError for the URL of an option that is invalid or fails its test.
         """
         if self.given is not None:
             self._check(self.given)
@@ -218,7 +221,7 @@ class _Device:
                 return taken
 
     def _taken(self, url: str, person: _Person) -> str | None:
-        """None where it has to be asked again, and why is told."""
+        """Returns the URL; None where it must be asked for again, with the reason printed."""
         try:
             url = url if url == self.before else self.with_files(url, person)
             self._check(url)
@@ -231,9 +234,9 @@ class _Device:
         return url
 
     def with_files(self, url: str, person: _Person) -> str:
-        """With the files that the driver has to be told of, where the URL says nothing yet, as an NDI tracker sees
-        wireless markers only with the tool definition of their body; the second only where there is a first. Raises
-        ConfigurationError.
+        """Adds the files that the driver needs and the URL does not name yet; an NDI tracker, for example, sees
+        wireless markers only with the tool definition of their body. The second file is asked for only where there is a
+        first. Raises ConfigurationError.
         """
         scheme, _, given = split_url(url, self.kind)
         for row in () if given else drivers()[scheme].options:
@@ -245,7 +248,7 @@ class _Device:
         return url
 
     def _with_file(self, url: str, row: Option, person: _Person) -> str:
-        """Asked for until the driver can read it; the URL as it is for the answer without one."""
+        """Asks for the file until the driver can read it; the answer `without` returns the URL unchanged."""
         while (typed := person.ask(row.question, row.without, self.option)) != row.without:
             file = _whole(typed)
             if misplaced := person.misplaced(file):
@@ -274,12 +277,12 @@ def _numbers(most: int) -> str:
 
 
 def _whole(typed: str) -> Path:
-    """The path as the file is to name it; the shell does not see what is typed here."""
+    """Returns the path as the configuration must name it; the shell does not expand what is typed here."""
     return Path(typed).expanduser().absolute()
 
 
 def _try(url: str, kind: str) -> None:
-    """Say how well it does. Raises ProbewatchError where it gives nothing."""
+    """Tests a device and prints the result. Raises ProbewatchError where it yields nothing."""
     clock = HostClock()
     open_source: Callable[[str, HostClock], TrackerSource | VideoSource]
     open_source = open_video if kind == "video" else open_tracker
@@ -297,8 +300,8 @@ def _try(url: str, kind: str) -> None:
 
 
 def _connected(kind: str, taken: str = "") -> Iterator[tuple[str, str]]:
-    """(URL, title) of each connected device of that kind that another URL does not take. What the driver cannot do
-    without must be typed.
+    """Returns (URL, title) of each connected device of that kind that no other URL uses. Options that the driver
+    requires must be typed.
     """
     for driver in (one for one in real_drivers(kind) if one.is_listed):
         note = "".join(f"; type it with ?{name}=…" for name in driver.required)
@@ -312,13 +315,13 @@ def _title(found: Found) -> str:
 
 
 def _place(known: Config, signal: Role) -> int:
-    """Entry of [[output]] that has that signal, one behind the last where none has."""
+    """Returns the index of the [[output]] with that signal, or the index of a new one."""
     signals = [output.signal for output in known.output]
     return signals.index(signal) if signal in signals else len(signals)
 
 
 def _lamps(known: Config, lamps: tuple[tuple[str, str], ...]) -> dict[Place, Value]:
-    """Raises ConfigurationError naming what cannot be."""
+    """Returns the answers for the lamps. Raises ConfigurationError for an invalid one."""
     answers: dict[Place, Value] = {}
     new = len(known.output)
     for signal, url in lamps:
@@ -334,19 +337,19 @@ def _lamps(known: Config, lamps: tuple[tuple[str, str], ...]) -> dict[Place, Val
 
 
 def _calibration_place(known: Config, probe: str | None) -> CalibrationPlace:
-    """What the new file says of a calibration beside its name."""
+    """Returns what the new file states about a calibration besides its name."""
     return known.calibration if probe is None else known.calibration.model_copy(update={"probe": probe})
 
 
 def _mistakes_of(file: Path, place: CalibrationPlace, person: _Person) -> list[str]:
-    """Why it cannot be the reference, one a line."""
+    """Returns why the file cannot be the reference, one reason per line."""
     if misplaced := person.misplaced(file):
         return [f"{file}: {misplaced}"]
     return calibration_mistakes(place.model_copy(update={"file": file}))
 
 
 def _refuse_calibration(place: CalibrationPlace, file: Path, person: _Person) -> None:
-    """Raises ConfigurationError for a file that cannot be the reference, before anything else is asked or tried."""
+    """Raises ConfigurationError for a file that cannot be the reference, before any question or test."""
     mistakes = _mistakes_of(file, place, person)
     for mistake in mistakes:
         click.echo(mistake, err=True)
@@ -359,7 +362,7 @@ def _refuse_calibration(place: CalibrationPlace, file: Path, person: _Person) ->
 def _calibration(
     given: str | None, without: bool, old: Config | None, place: CalibrationPlace, person: _Person
 ) -> str | None:
-    """As the file is to name it, None for a cart that has none yet. Raises ConfigurationError."""
+    """Returns the path as the configuration names it, None for a cart without one. Raises ConfigurationError."""
     before = None if old is None else old.calibration.file
     if without:
         return None
@@ -398,7 +401,7 @@ def _language(known: Config, person: _Person) -> str:
 
 
 def _checked(base: str, answers: Answers, file: Path) -> str:
-    """The new text. Raises ConfigurationError for one that could not be used."""
+    """Returns the new text. Raises ConfigurationError where it is not valid."""
     new = changed(base, answers, file)
     mistakes = mistakes_in(new, file)
     for mistake in mistakes:
@@ -411,9 +414,9 @@ def _checked(base: str, answers: Answers, file: Path) -> str:
 
 
 def _write(file: Path, before: str | None, new: str, yes: bool, person: _Person) -> bool:
-    """Whether there was anything to write.
+    """Writes the file; returns whether anything had changed.
 
-    Raises ConfigurationError where it cannot be, click.Abort where the person does not want it.
+    Raises ConfigurationError where it cannot be written, click.Abort where the person declines.
     """
     if new == before:
         click.echo(f"{file} is already up to date; nothing was written")
@@ -437,7 +440,7 @@ def _write(file: Path, before: str | None, new: str, yes: bool, person: _Person)
 
 
 def _difference(before: list[str], new: list[str]) -> list[str]:
-    """Of a new file what it says, without comments."""
+    """Returns the difference; for a new file its contents without comments."""
     if not before:
         return [line for line in new if line[:1] not in ("#", "")]
     lines = difflib.unified_diff(before, new, lineterm="", n=0)

@@ -136,7 +136,7 @@ def command(
 
 @contextmanager
 def _stoppable() -> Iterator[threading.Event]:
-    """An event that the signals which end a program set, instead of ending it at a place of their choosing."""
+    """Returns an event that termination signals set, so that the program ends at a point of its own choosing."""
     stop = threading.Event()
     numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
     before = {number: signal.signal(number, lambda *_: stop.set()) for number in numbers}
@@ -154,7 +154,9 @@ def _run(
     console: Console,
     stop: threading.Event,
 ) -> tuple[Script, History, dict[str, int]]:
-    """Shown, seen, and the service's counters. Raises Abort when stopped, DeviceLost when a part dies, TooBusy."""
+    """Returns the script, the history and the service's counters. Raises Abort when stopped, DeviceLost when a part
+    dies, TooBusy.
+    """
     with DemoLoad() as load:
 
         def pause(seconds: float) -> None:
@@ -180,7 +182,7 @@ def _show(
     pause: Callable[[float], None],
     load: DemoLoad,
 ) -> tuple[Script, History, dict[str, int]]:
-    """The run itself."""
+    """Runs the demo."""
     director = Director(plan)
     view = LiveView(console, director) if console.is_terminal and not console.is_dumb_terminal else PlainView()
     with tempfile.TemporaryDirectory(prefix="probewatch-", ignore_cleanup_errors=True) as folder:
@@ -197,15 +199,15 @@ class PlainView(nullcontext[None]):
     """The demo without a terminal: one line per event."""
 
     def event(self, t_s: float, text: str, state: State | None = None) -> None:
-        """t_s: seconds of the cart."""
+        """Prints an event; t_s is simulated time."""
         click.echo(f"{t_s:7.2f} s  {text}")
 
     def show(self, t_s: float, status: Status) -> None:
-        """Nothing: a status is no event."""
+        """Ignores a status: it is not an event."""
 
 
 class Operator:
-    """Looks at the service once a tick, notes what is new, and acknowledges a halt whose fault has been removed."""
+    """Reads the service's status once per tick, records changes, and acknowledges a halt after its fault was removed."""
 
     def __init__(self, cart: SimulatedCart, director: Director, view: LiveView | PlainView, load: DemoLoad) -> None:
         self._cart, self._director, self._view, self._load = cart, director, view, load
@@ -219,7 +221,7 @@ class Operator:
         self.counters: dict[str, int] = {}
 
     def look(self) -> None:
-        """One status of the service. Raises DeviceLost when a part of the cart has died or the service is silent."""
+        """Takes a status. Raises DeviceLost when a part of the cart has died or the service does not answer."""
         self._cart.require_alive()
         status = self._cart.status()
         t_s = self._cart.now_s()
@@ -238,16 +240,16 @@ class Operator:
         self._view.show(t_s, status)
 
     def finished(self, duration_s: float | None) -> bool:
-        """Whether the time is up; without one, whether there is nothing more to be seen."""
+        """Whether the time is up or, without a time limit, whether the script is complete."""
         t_s = self._cart.now_s()
         return self._director.finished(t_s) if duration_s is None else t_s >= duration_s
 
     def script(self) -> Script:
-        """Everything shown so far."""
+        """The faults shown so far."""
         return self._director.script(self._cart.now_s())
 
     def history(self) -> History:
-        """Everything seen so far."""
+        """The states and faults seen so far."""
         seen = tuple(self._moments), tuple(self._switches), tuple(self._acknowledged_s)
         busy_s, prompts = self._load.spans_s(self._cart.clock), tuple(self._prompts)
         return History(*seen, end_s=self._cart.now_s(), busy_s=busy_s, prompts=prompts)
@@ -276,7 +278,7 @@ class Operator:
         self._view.event(moment.t_s, f"{state.value}: {f'{fault}: ' if fault else ''}{moment.reason}", state)
 
     def _note_prompt(self, t_s: float, status: Status) -> None:
-        """What motion has shown already, and which motion shows the rest: as long as the service asks for it."""
+        """Records what motion has shown already and which motion is asked for next, while the service asks for one."""
         if State(status["state"]) is not State.NOT_VERIFIED or status["fault"] is not None:
             return
         asked = sum(check["max_age_s"] is not None for check in status["checks"])
@@ -293,7 +295,9 @@ class Operator:
             self._view.event(t_s, f"relay board: contact {'closed' if event['energised'] else 'opened'}")
 
     def _acknowledge(self, t_s: float, status: Status) -> None:
-        """As an operator would: the cause is gone, and the line sees the calibration right again."""
+        """Acknowledges as an operator would: the cause is gone, and the pipeline reports the calibration as correct
+        again.
+        """
         latched = State(status["state"]) in LATCHED and status["verdict"] == "OK"
         if not latched or self._director.on(t_s) is not None or t_s < self._ask_s:
             return

@@ -1,4 +1,4 @@
-"""`probewatch devices`: what is connected to this host and may be named in a URL."""
+"""`probewatch devices`: lists the devices connected to this host that a URL can name."""
 
 import sys
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""`probewatch export`: a black box for other programs."""
+"""`probewatch export`: converts a black box for other programs."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""`probewatch fleet`: which carts need somebody, from the Prometheus that watches them."""
+"""`probewatch fleet`: lists the carts that need attention, from the Prometheus that monitors them."""
 
 import re
 import sys

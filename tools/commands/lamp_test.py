@@ -1,4 +1,4 @@
-"""`probewatch lamp-test`: do lamps and tone work?"""
+"""`probewatch lamp-test`: tests lamps and tone."""
 
 from pathlib import Path
 

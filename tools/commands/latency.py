@@ -1,4 +1,4 @@
-"""`probewatch latency`: how late the tracker is against the pictures, from a recording."""
+"""`probewatch latency`: measures the tracker's latency against the pictures, from a recording."""
 
 import math
 from pathlib import Path

@@ -134,7 +134,9 @@ def _request(data: Mapping[str, Any]) -> str:
 
 
 def _estimate(data: Mapping[str, Any]) -> str:
-    """Value ± sigma of each; what is not such a figure, as of another version, as it is."""
+    """Returns value ± sigma of each parameter; an entry in another format, as from another version, is returned as it
+    is.
+    """
     checks = data.get("checks")
     if not isinstance(checks, Mapping) or not all(isinstance(row, list) and len(row) == 3 for row in checks.values()):
         return _all_of_it(data)
@@ -143,7 +145,7 @@ def _estimate(data: Mapping[str, Any]) -> str:
 
 
 def _all_of_it(data: Mapping[str, Any]) -> str:
-    """Name and value of each; what says nothing is left out."""
+    """Returns name and value of each field that is not empty."""
     return ", ".join(f"{name.replace('_', ' ')} {_words(value)}" for name, value in data.items() if _says(value))
 
 
@@ -205,7 +207,7 @@ def _stepped(data: Mapping[str, Any]) -> str:
 
 
 def _started(data: Mapping[str, Any]) -> str:
-    """Entries of earlier versions say less."""
+    """Returns a start entry as text; entries of earlier versions have fewer fields."""
     configuration = data.get("configuration") or {}
     parts = [
         f"probewatch {data['software']}" if "software" in data else "",
@@ -251,7 +253,7 @@ def _fault(fault: object) -> str:
 
 
 def _export(path: Path, entries: Iterable[Entry]) -> None:
-    """Raises ConfigurationError."""
+    """Writes the entries. Raises ConfigurationError."""
     text = io.StringIO(newline="")
     writer = csv.DictWriter(text, _COLUMNS)
     writer.writeheader()
@@ -271,7 +273,7 @@ def _cell(value: object) -> str:
 
 
 def _verified(reading: Reading) -> int:
-    """Exit code; says what is wrong on stderr."""
+    """Prints whether the chain is intact, defects on stderr; returns the exit code."""
     for damage in reading.damages:
         click.secho(f"{damage}", err=True, fg="red" if damage.fault else "yellow")
     for entry in reading.entries[1:]:

@@ -1,4 +1,4 @@
-"""`probewatch metrics`: the status of the service for Prometheus, from a process of its own."""
+"""`probewatch metrics`: serves the status for Prometheus, from a separate process."""
 
 import signal
 import sys
@@ -93,7 +93,7 @@ def _address(listen: str) -> tuple[str, int]:
 
 
 def _write_until(stop: threading.Event, textfile: Path | None, every_s: float, exposition: Exposition) -> None:
-    """A file of an exporter that has ended would tell old values for ever."""
+    """Writes the file until the end and removes it then: a file left by an exporter would report old values."""
     if textfile is None:
         stop.wait()
         return
@@ -107,7 +107,7 @@ def _write_until(stop: threading.Event, textfile: Path | None, every_s: float, e
 
 
 def _write(textfile: Path, text: bytes, failing: bool) -> bool:
-    """Whether it could not be written; said once, and once when it can again."""
+    """Writes the file; returns whether that failed. The failure and the recovery are reported once each."""
     try:
         with replacing(textfile) as stream:
             stream.write(text)

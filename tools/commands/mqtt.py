@@ -1,4 +1,4 @@
-"""`probewatch mqtt`: the state of the cart on an MQTT broker, from a process of its own."""
+"""`probewatch mqtt`: publishes the state of the cart to an MQTT broker, from a separate process."""
 
 import re
 import signal
@@ -16,7 +16,7 @@ _FILE = click.Path(dir_okay=False, path_type=Path)
 
 
 def _topic(_context: click.Context, option: click.Parameter, text: str | None) -> str:
-    """Names that mean one level of a topic, or several; no wildcard, nothing empty."""
+    """Validates a topic name: one or several levels, no wildcards, none empty."""
     name = socket.gethostname().partition(".")[0] if text is None else text
     if not name and option.name != "discovery":
         raise click.BadParameter("must not be empty")

@@ -1,4 +1,4 @@
-"""`probewatch noise`: what healthy scanning of this cart teaches of its noise, for `[noise]` of the configuration."""
+"""`probewatch noise`: learns the noise of this cart from healthy scanning, for `[noise]` of the configuration."""
 
 from collections.abc import Iterable, Iterator
 from datetime import UTC, datetime
@@ -74,7 +74,7 @@ def command(recordings: tuple[Path, ...], output: Path, config_path: Path | None
 
 
 def _heard(one: Path | Series, calibration: Path | None, judging: Judging) -> tuple[Heard, bool]:
-    """And whether it is simulated."""
+    """Returns what was heard, and whether it is simulated."""
     stale_ns = judging.timeouts.stale_ns
     if isinstance(one, Series):
         heard = heard_in_series(one, judging.limits, stale_ns)
@@ -91,7 +91,7 @@ def _files(one: Path | Series) -> tuple[Path, ...]:
 
 
 def _once_each(files: list[Path]) -> tuple[LearnedFrom, ...]:
-    """Raises RecordingError where two are the same."""
+    """Raises RecordingError where two recordings are the same."""
     known: dict[str, Path] = {}
     for file in files:
         digest = file_sha256(file)

@@ -1,4 +1,4 @@
-"""`probewatch openigtlink`: tells and shows OpenIGTLink clients what the service sees."""
+"""`probewatch openigtlink`: sends the service's data to OpenIGTLink clients."""
 
 import ipaddress
 import signal

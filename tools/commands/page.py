@@ -1,4 +1,4 @@
-"""`probewatch page`: the cart's own web page, from a process of its own."""
+"""`probewatch page`: serves the cart's web page, from a separate process."""
 
 import platform
 import socket as sockets
@@ -109,7 +109,7 @@ def command(
 
 
 def _serve(page: Page, listener: sockets.socket) -> None:
-    """Until SIGTERM or Ctrl-C."""
+    """Serves until SIGTERM or Ctrl-C."""
     config = uvicorn.Config(
         page.app,
         http=Connection,
@@ -125,7 +125,7 @@ def _serve(page: Page, listener: sockets.socket) -> None:
 
 
 def _how_to_ask(door: Path | None) -> str:
-    """How somebody gets a token of the running page. door: its socket for that, None where it has none."""
+    """Returns how to get a token of the running page. `door` is its socket for that, None where it has none."""
     if door is None:
         what = "this page cannot be asked for a token later: start it with --door FILE, such as --door page-door"
         return f"{what}; then: probewatch page --token --door FILE"

@@ -1,4 +1,4 @@
-"""`probewatch pause`: silence for a while."""
+"""`probewatch pause`: pauses the alarm sound."""
 
 from pathlib import Path
 
@@ -41,6 +41,6 @@ def command(control_socket: Path, seconds: float, reason: str | None, on: bool) 
 
 
 def _without_tone(client: ControlClient) -> str:
-    """A remark on a cart that has no tone: it was silent before, and stays so."""
+    """Returns a remark for a cart without a tone output; else an empty text."""
     signals = {output["signal"] for output in client.status()["outputs"]}
     return "" if Role.TONE.value in signals else "; this cart has no tone output"

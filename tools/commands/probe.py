@@ -1,4 +1,4 @@
-"""`probewatch probe URL`: connects to one device, says what it is and how well it does, or what is wrong."""
+"""`probewatch probe URL`: connects to one device and reports what it is and how well it works."""
 
 import math
 import time
@@ -39,7 +39,9 @@ _OPENS: dict[str, Open] = {"poses": open_tracker, "pictures": open_video}
 
 @dataclass
 class Measured:
-    """samples: as they came; arrivals_ns: of each, on the clock of the stamps. end: why reading ended early."""
+    """What was measured. `samples` are in order of arrival; `arrivals_ns` holds the arrival of each, on the clock of
+    the stamps. `end` says why reading ended early.
+    """
 
     samples: list[Frame | Pose] = field(default_factory=list)
     arrivals_ns: list[int] = field(default_factory=list)
@@ -47,7 +49,7 @@ class Measured:
 
     @property
     def played_out(self) -> bool:
-        """Whether a recording has come to its end, with something to use, and no damage."""
+        """Whether a recording was read to its end, undamaged and with usable samples."""
         return self.end is not None and self.end.what == ENDED and self.usable > 0
 
     @property
@@ -56,7 +58,7 @@ class Measured:
 
     @property
     def usable(self) -> int:
-        """Samples that carry a picture or a number."""
+        """The number of samples with a picture or a valid pose."""
         return sum(isinstance(sample, Frame) or sample.status is PoseStatus.OK for sample in self.samples)
 
 
@@ -112,7 +114,7 @@ def _probe_output(url: str, may_click: bool, clock: HostClock) -> None:
 
 
 def _click(output: AlarmOutput, energised: bool, url: str, clock: HostClock) -> bool | None:
-    """What the contact reads back as. Raises DeviceLost when that is not what it was told."""
+    """Returns the state that the contact reads back. Raises DeviceLost where it differs from the command."""
     asked_ns, word = clock.now_ns(), "energised" if energised else "released"
     output.write(energised)
     took_ms = (clock.now_ns() - asked_ns) / 1e6
@@ -127,9 +129,9 @@ def _click(output: AlarmOutput, energised: bool, url: str, clock: HostClock) -> 
 
 
 def _probe_cart(url: str, seconds: float) -> None:
-    """Poses, then pictures, each to its end. A recording may hold one of them alone.
+    """Measures poses, then pictures, each to its end. A recording may hold only one of them.
 
-    Raises DeviceLost where nobody is there, else as the first that gives nothing ended.
+    Raises DeviceLost where nothing answers; else the error of the first half that yields nothing.
     """
     for each in device_kinds(url):
         check_options(url, each)
@@ -150,7 +152,9 @@ def _probe_cart(url: str, seconds: float) -> None:
 
 
 def _half_of_cart(url: str, open_source: Open, seconds: float) -> ProbewatchError | None:
-    """Why it gives nothing to use. Raises DeviceLost where nobody is there to be asked for the other half either."""
+    """Returns why this half yields nothing usable. Raises DeviceLost where nothing answers, so that the other half is
+    not tried.
+    """
     clock = HostClock()
     try:
         source = open_source(url, clock)
@@ -169,7 +173,7 @@ def _probe_source(url: str, open_source: Open, seconds: float) -> None:
 
 
 def _tell(opened: TrackerSource | VideoSource, url: str, seconds: float, clock: HostClock) -> None:
-    """Measure it, say how well it does, and close it. clock: made before it was opened."""
+    """Measures the source, prints the result and closes it. `clock` was created before the source was opened."""
     with opened as source:
         click.echo(f"connected in {(clock.now_ns() - clock.origin_ns) / 1e9:.2f} s, measuring for {seconds:g} s")
         measured = measure(source, seconds, clock)
@@ -191,7 +195,7 @@ def _tell(opened: TrackerSource | VideoSource, url: str, seconds: float, clock: 
 
 
 def measure(source: TrackerSource | VideoSource, seconds: float, clock: HostClock) -> Measured:
-    """What comes within that time, or until the device is lost."""
+    """Returns what arrives in that time, or until the device is lost."""
     measured, end_ns = Measured(), clock.now_ns() + round(seconds * 1e9)
     while clock.now_ns() < end_ns:
         try:
@@ -206,7 +210,7 @@ def measure(source: TrackerSource | VideoSource, seconds: float, clock: HostCloc
 
 
 def _description(device: object) -> list[Row]:
-    """What the device says of itself; devices without a word give nothing."""
+    """Returns the rows of the device's own description; empty for a device without one."""
     return _rows(device.describe() if isinstance(device, Identified) else None)
 
 
@@ -226,7 +230,7 @@ def _rows(told: Description | None) -> list[Row]:
 
 
 def findings(measured: Measured) -> list[Row]:
-    """What was measured, in words and figures."""
+    """Returns the measurements as text and figures."""
     rows = [("samples", f"{len(measured.samples)}, of which {measured.usable} can be used")]
     frames = [sample for sample in measured.samples if isinstance(sample, Frame)]
     if frames:
@@ -251,7 +255,7 @@ def _time_rows(quality: TimeQuality) -> list[Row]:
 
 
 def complaints(measured: Measured, time_remedy: str = "") -> Iterator[str]:
-    """Complaints about a device that answers. time_remedy: the device's own remedy for times with a wide bound."""
+    """Yields the defects of a device that answers. `time_remedy` is the device's remedy for imprecise stamps."""
     found = Counter((pose.status, pose.reason) for pose in measured.poses if pose.status is not PoseStatus.OK)
     for (status, reason), number in found.most_common(5):
         share = 100 * number / len(measured.samples)

@@ -1,4 +1,6 @@
-"""`probewatch recalibrate`: a cross-wire scan, ζ or all of a calibration, a new file, and the service told of it."""
+"""`probewatch recalibrate`: solves ζ or a whole calibration from a cross-wire scan, writes it, and gives it to the
+service.
+"""
 
 import contextlib
 import sys
@@ -120,7 +122,7 @@ time. 78: a file or an option cannot be used.
 
 @dataclass(frozen=True, slots=True)
 class _Reference:
-    """The calibration in force. file: None where it is the simulated one."""
+    """The calibration in force. `file` is None where it is the simulated one."""
 
     calibration: Calibration
     file: Path | None = None
@@ -311,7 +313,7 @@ def command(
 def _refuse_options(
     live: bool, simulate: bool, recording: Path | None, solve: str, signed_by: str, latency_first: bool
 ) -> None:
-    """Options that go with no or with another kind of scan. Raises UsageError."""
+    """Raises UsageError for options that belong to no scan, or to another kind of scan."""
     if live:
         if simulate or recording is not None:
             raise click.UsageError("--live scans on the cart itself; leave --simulated and --recording out")
@@ -328,7 +330,7 @@ def _refuse_options(
 
 
 def _refuse_signed(chosen: Begin, signature: Signature | None) -> None:
-    """What would be refused once the scan is complete, before it begins. Raises ProbewatchError, UsageError."""
+    """Raises ProbewatchError or UsageError before the scan for what would be refused after it."""
     if signature is None:
         SignOff(chosen.technician, due=chosen.due, expires=chosen.expires).check()
         return
@@ -338,7 +340,7 @@ def _refuse_signed(chosen: Begin, signature: Signature | None) -> None:
 
 
 def _asked(chosen: Begin) -> Begin:
-    """With what a person at the terminal adds. Raises click.Abort."""
+    """Returns the options with the answers of the person at the terminal. Raises click.Abort."""
     with stopped_saying("nothing was begun" if sys.stdin.isatty() else _NOBODY):
         return replace(
             chosen,
@@ -354,7 +356,9 @@ def _day(moment: datetime | None) -> date | None:
 
 @dataclass(frozen=True, slots=True)
 class _Service:
-    """That a live scan is made on. control, pictures: its sockets. place: folder of the new file."""
+    """The service on which a live scan is made. `control` and `pictures` are its sockets; `place` is the folder of the
+    new file.
+    """
 
     control: Path
     pictures: Path
@@ -362,8 +366,8 @@ class _Service:
 
 
 def _live_service(config_file: Path | None, socket: Path | None, feed: Path | None, folder: Path | None) -> _Service:
-    """Raises ConfigurationError, DeviceLost, ControlRefused before anybody is asked anything: answers for nobody, or
-    while somebody else recalibrates, are typed in vain.
+    """Returns the service. Raises ConfigurationError, DeviceLost or ControlRefused before any question, so that no
+    answer is typed in vain, as with no service or during another recalibration.
     """
     config = None if config_file is None else load_config(config_file)
     control = socket or (None if config is None else config.control.socket)
@@ -389,8 +393,8 @@ def _live(service: _Service, begin: Begin, signature: Signature | None) -> None:
 
 
 def _live_folder(folder: Path | None, config: Config | None, control: Path) -> Path:
-    """Where the new file is to lie, and the service can read it: its unit sees nobody's home. Raises ConfigurationError
-    now rather than after the scan.
+    """Returns a folder for the new file that the service can read; its unit has no access to home folders. Raises
+    ConfigurationError before the scan, not after it.
     """
     place = folder or (Path() if config is None else config.alarm.folder / _FOLDER)
     if control == SOCKET and (why := unseen(place)):
@@ -413,9 +417,11 @@ def _in_force(
     probe: str | None,
     may_lack: bool,
 ) -> tuple[_Reference | None, Path | None]:
-    """The calibration in force and the socket of the service; explicit options go before the configuration.
+    """Returns the calibration in force and the socket of the service; explicit options take precedence over the
+    configuration.
 
-    size_px: (width, height) of the scan's pictures, which a device set does not state. may_lack: none is needed.
+    `size_px` is (width, height) of the scan's pictures, which a device set does not state. `may_lack` allows that there
+    is none.
     """
     config = None if config_file is None else load_config(config_file)
     socket = socket if config is None else socket or config.control.socket
@@ -469,7 +475,7 @@ def _scanned(scan_input: ScanInput, latency_ms: float) -> CrosswireScan:
 
 
 def _solved(scan: CrosswireScan, before: Calibration, solve: str, demand: Demand) -> OffsetSolution:
-    """Raises ScanRefused, with what the pictures showed where the crossing was hardly seen."""
+    """Solves the scan. Raises ScanRefused, with what the pictures showed where the crossing was rarely seen."""
     views = scan.views
     click.echo(f"{scan.pictures} pictures, crossing seen in {scan.sightings}, {len(views)} passages through its plane")
     for reason, number in scan.refused.most_common():
@@ -524,7 +530,7 @@ def _previous(before: _Reference | None) -> dict[str, str]:
 
 
 def _hand_over(client: ControlClient, target: Path, yes: bool) -> None:
-    """Give the new calibration to the service. Raises ControlRefused, with the way to give it later."""
+    """Gives the new calibration to the service. Raises ControlRefused, with the command to do so later."""
     try:
         client.end_recalibration(target, accepted(client.propose_calibration(target), yes))
     except ControlRefused as error:

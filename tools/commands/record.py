@@ -1,4 +1,4 @@
-"""`probewatch record`: writes black boxes of what the service sees, and marks what is to be kept."""
+"""`probewatch record`: records what the service sees into black boxes, and marks what is kept."""
 
 import signal
 import threading
@@ -55,7 +55,7 @@ def _print(fields: dict[str, object]) -> None:
 
 
 def told(fields: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """What a recorder answers, as a person reads it; nothing of an answer without such fields."""
+    """Returns the recorder's answer as rows for people; empty for an answer without these fields."""
     if "session" not in fields:
         return []
     state = "recording" if fields["recording"] else "waits for the service"

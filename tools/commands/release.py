@@ -1,4 +1,4 @@
-"""`probewatch release`: every alarm output is de-energised, because nobody watches any more."""
+"""`probewatch release`: de-energises every alarm output when the service has ended."""
 
 import sys
 from pathlib import Path
@@ -40,7 +40,7 @@ def command(config_file: Path) -> None:
 
 
 def _release(url: str) -> str:
-    """Empty when it was done."""
+    """De-energises one output; returns the error, empty on success."""
     try:
         with open_output(url, HostClock()) as output:
             output.write(False)

@@ -1,4 +1,4 @@
-"""`probewatch reload`: the service takes its changed configuration file."""
+"""`probewatch reload`: makes the service read its changed configuration file."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""`probewatch replay`: a recording through the same line as live data, and a report of what it shows."""
+"""`probewatch replay`: runs a recording through the same pipeline as live data and reports the result."""
 
 import sys
 from collections.abc import Callable, Iterable, Iterator
@@ -178,7 +178,7 @@ def command(
 
 @dataclass(frozen=True)
 class _Names:
-    """Options that open a recording."""
+    """Options for opening a recording."""
 
     poses: Path | None
     probe: str | None
@@ -188,7 +188,9 @@ class _Names:
 
 @dataclass(frozen=True)
 class _Outcome:
-    """nominal: the calibration that was named, None for a black box judged by its own. damage: of the file."""
+    """The result. `nominal` is the named calibration, None for a black box judged by its own. `damage` describes the
+    file's damage.
+    """
 
     path: Path
     report: LineReport
@@ -198,7 +200,7 @@ class _Outcome:
     damage: str = ""
 
     def fields(self) -> dict[str, object]:
-        """The public contract; black_box stands in it where one was judged by its own."""
+        """The report's public contract; `black_box` is included for a black box judged by its own calibration."""
         fields = report_json(self.report, self.timeline)
         found = self.comparison
         return fields if found is None else {**fields, "black_box": _box_fields(found, self.damage)}
@@ -238,7 +240,9 @@ def _replayed(
 
 
 def _refuse_late(schedule: Schedule, end_s: float) -> None:
-    """A fault that begins after the recording spoils nothing, and the report would say that it did."""
+    """Refuses a fault that begins after the end of the recording: it would have no effect, and the report would list
+    it.
+    """
     for episode in schedule.episodes:
         if episode.from_s > max(end_s, 0):
             what = (
@@ -269,14 +273,14 @@ def _path(one: Path | Series) -> Path:
 
 
 def _refuse_report(recordings: tuple[Path, ...]) -> None:
-    """The name of a report behind --json is none of a recording."""
+    """Refuses a report name after --json, which takes no file name."""
     for path in recordings:
         if path.suffix.lower() == ".json":
             raise click.UsageError(f"'{path}' is not a recording; --json prints the report: --json > {path}")
 
 
 def _refuse_absent(recordings: tuple[Path, ...]) -> None:
-    """Before any option is missed that only a recording of another kind would need."""
+    """Refuses a missing file before any option is required that only another kind of recording needs."""
     for path in recordings:
         if not path.exists():
             beside = (
@@ -333,7 +337,7 @@ def _judging(config_path: Path) -> Judging:
 
 
 def _progress(total: int | None) -> Callable[[Iterable[_Item]], Iterator[_Item]]:
-    """total: None where it is not known."""
+    """Returns a progress bar; `total` is None where it is not known."""
     console = Console(stderr=True)
 
     def shown(items: Iterable[_Item]) -> Iterator[_Item]:
@@ -377,7 +381,7 @@ def _print(outcome: _Outcome, subject: Subject) -> None:
 
 
 def _print_states(outcome: _Outcome) -> None:
-    """What the room is told now, then what it was told live."""
+    """Prints the states as judged now, then those reported live."""
     for change in outcome.timeline:
         click.echo(f"{change.t_s:8.2f} s  {change.state.value}: {change.reason}")
     for told in () if outcome.comparison is None else outcome.comparison.told:

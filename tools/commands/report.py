@@ -1,4 +1,4 @@
-"""`probewatch report`: what a cart did in a day, week or month, as one page to look at and to file."""
+"""`probewatch report`: writes what a cart did in a day, week or month as one page."""
 
 import platform
 import shutil
@@ -98,7 +98,7 @@ def _refuse_future(wanted: Period, now: datetime) -> None:
 
 
 def _chosen(wanted: Period, found: Summary, by_itself: bool) -> str:
-    """Which period the report is of, and why."""
+    """Says which period the report covers, and why."""
     if not by_itself:
         over = ", which is not over" if found.so_far else ""
         return f"Report of the {wanted.kind} {wanted.name}{over}, as asked for with --of"
@@ -110,7 +110,9 @@ def _chosen(wanted: Period, found: Summary, by_itself: bool) -> str:
 
 
 def _history(config: Config) -> tuple[History | None, str]:
-    """What is known of the references, and why not all of it can be: that is when a report is wanted most."""
+    """Returns what is known of the references, and why the rest cannot be read: a report is most needed when the store
+    is damaged.
+    """
     try:
         history = read_history(config.alarm.folder)
         _dates(config, history)
@@ -120,7 +122,7 @@ def _history(config: Config) -> tuple[History | None, str]:
 
 
 def _dates(config: Config, history: History | None) -> Dates | None:
-    """Of the calibration in force; None without one. Raises ConfigurationError."""
+    """Returns the dates of the calibration in force; None without one. Raises ConfigurationError."""
     if history is None or history.in_force is None:
         return None
     content = content_of(config.alarm.folder, history.in_force)
@@ -135,7 +137,7 @@ def _check_key(key: Path) -> None:
 
 
 def _sign(file: Path, key: Path) -> bool:
-    """Raises ConfigurationError where the key cannot sign."""
+    """Signs the files. Raises ConfigurationError where the key cannot sign."""
     file.with_name(f"{file.name}.sig").unlink(missing_ok=True)
     command = ["ssh-keygen", "-Y", "sign", "-f", str(key), "-n", _NAMESPACE, str(file)]
     try:

@@ -1,4 +1,4 @@
-"""`probewatch run`: the service."""
+"""`probewatch run`: runs the service."""
 
 import signal
 import threading
@@ -72,7 +72,7 @@ def _await_configuration(config_file: Path) -> None:
 def serve(
     config: Config, config_file: Path, references: References, estimator: EstimatorHost, clock: HostClock
 ) -> None:
-    """Run the service until it is told to stop. Raises DeviceLost when another one holds the control socket."""
+    """Runs the service until it is stopped. Raises DeviceLost when another one holds the control socket."""
     lock_memory()
     with (
         ControlServer(config.control.socket, config.control.group, Onlookers.of(config).all) as control,

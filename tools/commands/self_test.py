@@ -1,4 +1,4 @@
-"""`probewatch self-test`: before the clinic opens."""
+"""`probewatch self-test`: tests the cart before the clinic opens."""
 
 import ctypes
 import json
@@ -104,7 +104,7 @@ def command(
 
 
 def _tested(control: Path, feed: Path, folder: Path, operator: str, lamps: str, yes: bool) -> tuple[list[Item], Item]:
-    """What was found, and whether it could be kept, which stands among the items where it could not."""
+    """Runs the test; returns its items, with an item for a result that could not be stored."""
     still, moving, trouble = _measure(feed, yes)
     with ControlClient(control) as client:
         seen = _lamps(client, lamps)
@@ -115,7 +115,7 @@ def _tested(control: Path, feed: Path, folder: Path, operator: str, lamps: str, 
 
 
 def _measure(feed: Path, yes: bool) -> tuple[Measured, Measured, str]:
-    """At rest, moving, and why the feed told nothing; empty where it did."""
+    """Measures at rest and in motion; also returns why the feed sent nothing, empty where it did."""
     try:
         _wait("Lay the probe down in view of the tracker, and leave it", yes)
         with _progress("at rest") as note:
@@ -163,7 +163,7 @@ def _judged(status: dict[str, Any], still: Measured, moving: Measured, trouble: 
 
 
 def _kept(folder: Path, found: list[Item], status: dict[str, Any], operator: str) -> Item:
-    """Whether it could be kept."""
+    """Stores the result; returns whether that succeeded."""
     utc = datetime.now(UTC)
     record = {
         "format": "probewatch-self-test",
@@ -188,12 +188,12 @@ def _kept(folder: Path, found: list[Item], status: dict[str, Any], operator: str
 
 
 def _built() -> datetime:
-    """When this program was: no clock of a cart can be earlier."""
+    """Returns when this program was built; a cart's clock cannot be earlier."""
     return datetime.fromtimestamp(Path(__file__).stat().st_mtime, UTC)
 
 
 def _synchronised() -> bool | None:
-    """By the kernel's word, None where it gives none."""
+    """Returns whether the kernel reports a synchronised clock, None where it does not say."""
     timex = ctypes.create_string_buffer(_TIMEX_BYTES)
     state = ctypes.CDLL(None, use_errno=True).adjtimex(timex)
     if state < 0:

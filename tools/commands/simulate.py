@@ -1,4 +1,4 @@
-"""`probewatch simulate`: simulated devices at their own protocols. Each is a file `tools/simulators/<name>.py`."""
+"""`probewatch simulate`: simulates devices at their own protocols; each is a file `tools/simulators/<name>.py`."""
 
 import click
 

@@ -1,4 +1,4 @@
-"""`probewatch status`: what the service sees now."""
+"""`probewatch status`: shows what the service sees now."""
 
 import contextlib
 import sys
@@ -62,7 +62,7 @@ def _verdict(status: Status) -> str:
 
 
 def _watch(client: ControlClient, as_json: bool) -> None:
-    """Until the service ends."""
+    """Redraws the status until the service ends."""
     if as_json or not sys.stdout.isatty():
         while True:
             status = client.status()

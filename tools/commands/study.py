@@ -1,4 +1,4 @@
-"""`probewatch study`: how often the instrument says OK, how true its figures are, how soon it names what is wrong."""
+"""`probewatch study`: measures how often the instrument says OK, how accurate it is, and how soon it names a fault."""
 
 import os
 from collections.abc import Iterable, Iterator, Sequence
@@ -227,7 +227,7 @@ _SIMULATED_ALONE = (
 
 
 def _refuse_without_effect(recordings: tuple[str, ...], calibration: Path | None) -> None:
-    """Of the other kind of study. Raises UsageError, RecordingError for a file that is not there."""
+    """Refuses options of the other kind of study. Raises UsageError, RecordingError for a missing file."""
     if not recordings and calibration is not None:
         raise click.UsageError("--calibration is of RECORDINGs; simulated sessions have their own")
     for name in recordings:
@@ -238,7 +238,7 @@ def _refuse_without_effect(recordings: tuple[str, ...], calibration: Path | None
 
 
 def _refuse_late(plan: Sequence[Conditions]) -> None:
-    """A hazard that begins after its session is not there, and the table would say that it was missed."""
+    """Refuses a hazard that begins after its session: it would count as missed."""
     for one in plan:
         onset_s, ends_s = one.hazard.onset_s, one.session.duration_s
         if isfinite(onset_s) and onset_s >= ends_s:
@@ -256,7 +256,7 @@ def _do(plan: Sequence[Conditions], table: StudyTable, folder: Path | None, jobs
 
 
 def _archive(recordings: tuple[str, ...], calibration: Path | None) -> list[ArchiveTask]:
-    """A task for each recording; of a recorder, for each run."""
+    """Returns a task for each recording; of a recorder, for each run."""
     content = None if calibration is None else calibration_bytes(calibration)
     stored = [urls for name in recordings if is_url(name) for urls in listed(name)]
     tasks = [ArchiveTask(urls[0], calibration, urls=urls, content=content) for urls in stored]

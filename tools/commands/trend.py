@@ -1,4 +1,4 @@
-"""`probewatch trend`: where the calibration is going, from what the service noted of it over days."""
+"""`probewatch trend`: shows how the calibration drifts, from what the service logged over days."""
 
 import sys
 from collections import defaultdict
@@ -67,7 +67,7 @@ def command(folder: Path, reference: int | None, html_path: Path | None, as_json
 
 
 def trends(entries: tuple[Entry, ...], reference: int) -> dict[str, Trend]:
-    """Name of a parameter → its trend, from the estimates under that reference."""
+    """Returns the trend of each parameter by name, from the estimates under that reference."""
     known = defaultdict[str, list[Estimate]](list)
     limits = dict[str, float]()
     for entry in entries:
@@ -80,7 +80,7 @@ def trends(entries: tuple[Entry, ...], reference: int) -> dict[str, Trend]:
 
 
 def _figures(checks: object) -> dict[str, list[float]]:
-    """Of the parameters that we know; what another version wrote otherwise is left out."""
+    """Returns the known parameters; fields of other versions are left out."""
     rows = checks if isinstance(checks, dict) else {}
     return {
         name: row
@@ -93,7 +93,7 @@ def _figures(checks: object) -> dict[str, list[float]]:
 
 
 def unit_of(name: str) -> str:
-    """Of a parameter's estimates."""
+    """Returns the unit of a parameter's estimates."""
     return QUANTITIES[class_of(name)].unit
 
 
@@ -109,7 +109,7 @@ def _code(found: dict[str, Trend]) -> int:
 
 
 def state_of(one: Trend) -> str:
-    """In a word, for people."""
+    """Returns the state of a trend in a word."""
     if one.near:
         return "near its limit"
     if one.moving:

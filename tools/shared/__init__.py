@@ -1,1 +1,1 @@
-"""What several commands share: text and JSON for people and machines, the socket, samples of a scan."""
+"""Code shared by several commands: output as text and JSON, the control socket, the samples of a scan."""

@@ -1,4 +1,4 @@
-"""The alarm log as a tool reads it, while the service may be writing."""
+"""Reads the alarm log while the service may be writing to it."""
 
 from pathlib import Path
 
@@ -11,8 +11,8 @@ _LOOKS = 3
 
 
 def settled_log(folder: Path) -> Reading:
-    """[alarm] folder of the configuration, also of a running service. Raises ConfigurationError, also where no service
-    has ever written there: an empty folder is no whole chain.
+    """Reads [alarm] folder of the configuration, also of a running service. Raises ConfigurationError, also where no
+    service has ever written there: an empty folder is not an intact chain.
     """
     try:
         if folder.is_dir():
@@ -29,7 +29,7 @@ def settled_log(folder: Path) -> Reading:
 
 
 def _settled(folder: Path) -> Reading:
-    """Damage that another look does not find was the service, which writes meanwhile."""
+    """Reads again after damage: damage that a second reading does not find was an entry still being written."""
     reading = read_log(folder)
     for _ in range(_LOOKS):
         if not reading.damages:

@@ -1,4 +1,4 @@
-"""Days and times that people type as options."""
+"""Options for days and times."""
 
 from datetime import datetime
 from typing import Any
@@ -7,7 +7,7 @@ import click
 
 
 class _DateOption(click.DateTime):
-    """Refuses in words what click refuses in the formats of a programming language."""
+    """A date option whose error messages are in plain words, not in format codes as click's are."""
 
     def __init__(self, formats: list[str], what: str) -> None:
         super().__init__(formats)

@@ -1,4 +1,6 @@
-"""The name by which a client calls a server of ours: another site's page can reach it only by a name of its own."""
+"""The host name by which a client addresses a server. A page of another site can reach the server only under a
+different name.
+"""
 
 import ipaddress
 import re
@@ -7,13 +9,15 @@ _HOST = re.compile(r"(?:\[([0-9a-f:.]+)\]|([^\s\[\]:/@]+))(?::[0-9]{1,5})?")
 
 
 def called(header: str) -> str:
-    """Name or address in a Host header, in lower case, without port and brackets; empty where it is none."""
+    """Returns the name or address of a Host header, in lower case, without port and brackets; empty where it is
+    invalid.
+    """
     found = _HOST.fullmatch(header.lower())
     return "" if found is None else found[1] or found[2]
 
 
 def is_address(name: str) -> bool:
-    """A number, which no name service can point elsewhere."""
+    """Whether it is a numeric address, which no name service can redirect."""
     try:
         ipaddress.ip_address(name)
     except ValueError:
@@ -22,5 +26,5 @@ def is_address(name: str) -> bool:
 
 
 def endpoint_text(host: str, port: int) -> str:
-    """host:port as people write it, an address of IPv6 in brackets."""
+    """Returns host:port as text, with an IPv6 address in brackets."""
     return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"

@@ -1,4 +1,4 @@
-"""A configuration as text: changed key by key, every other line and every comment as it was."""
+"""Edits a configuration key by key and keeps every other line and comment."""
 
 import json
 import re
@@ -21,13 +21,13 @@ _HEADER = re.compile(r"\s*\[")
 
 
 def template() -> str:
-    """The commented configuration as a package ships it: nobody has adapted it yet."""
+    """Returns the commented configuration that the package ships."""
     return changed(_TEMPLATE.read_text(encoding="utf-8"), {("configured",): False}, _TEMPLATE)
 
 
 def changed(text: str, answers: Answers, file: Path) -> str:
-    """The text with these answers. Raises ConfigurationError for a text that says something else then, such as one with
-    a value over several lines; file: whose text it is, for that.
+    """Returns the text with these answers. Raises ConfigurationError where the result would not state them, as for a
+    value over several lines; `file` is named in that error.
     """
     lines = text.splitlines()
     for place, value in answers.items():
@@ -51,7 +51,7 @@ def _expected(text: str, answers: Answers) -> dict[str, Any]:
 
 
 def _filled(table: dict[str, Any]) -> dict[str, Any]:
-    """The text without empty tables: a header without keys says nothing."""
+    """Returns the table without empty tables in it."""
     below = {name: _filled(value) if isinstance(value, dict) else value for name, value in table.items()}
     return {name: value for name, value in below.items() if value != {}}
 
@@ -82,7 +82,7 @@ def _change(lines: list[str], place: Place, value: Value) -> None:
 
 
 def _add(lines: list[str], section: Place, name: str, value: str | bool, known: Mapping[Place, int]) -> None:
-    """Where the key stands as a comment, else as the first of its section."""
+    """Adds the key at its commented line, or else as the first of its section."""
     if section and section not in known:
         _open_section(lines, section, known)
         known = key_lines("\n".join(lines))
@@ -99,7 +99,7 @@ def _add(lines: list[str], section: Place, name: str, value: str | bool, known: 
 
 
 def _open_section(lines: list[str], section: Place, known: Mapping[Place, int]) -> None:
-    """Its header: of an array behind the last entry, of a table at the end."""
+    """Adds the section's header: an array after its last entry, a table at the end."""
     *names, last = section
     if isinstance(last, int):
         before = known.get((*names, last - 1))
@@ -111,12 +111,14 @@ def _open_section(lines: list[str], section: Place, known: Mapping[Place, int]) 
 
 
 def _next_header(lines: list[str], first: int) -> int:
-    """Number of the line that opens the next section, counted from 0."""
+    """Returns the number of the line that opens the next section, counted from 0."""
     return next((number for number in range(first, len(lines)) if _HEADER.match(lines[number])), len(lines))
 
 
 def _behind(lines: list[str], first: int) -> int:
-    """Number of the line behind the section, before the comments and the blank line that lead to the next one."""
+    """Returns the number of the line after the section, before the comments and blank lines that introduce the next
+    one.
+    """
     header = end = _next_header(lines, first)
     while end > first and lines[end - 1].startswith("#"):
         end -= 1
@@ -127,7 +129,7 @@ def _behind(lines: list[str], first: int) -> int:
 
 
 def _replaced(line: str, value: str | bool) -> str:
-    """The line with that value, and the comment behind it in its column, or as near as there is room."""
+    """Returns the line with that value; the comment after it stays in its column, or as near as possible."""
     key, _, rest = line.partition("=")
     told = f"{key.rstrip()} = {_toml(value)}"
     for found in re.finditer("#", rest):
@@ -146,5 +148,5 @@ def _is_value(text: str) -> bool:
 
 
 def _toml(value: str | bool) -> str:
-    """Strings as JSON writes them: the same escapes, and everything else as it is."""
+    """Writes strings as JSON does, with the same escapes."""
     return json.dumps(value, ensure_ascii=False)

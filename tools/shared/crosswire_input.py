@@ -1,4 +1,4 @@
-"""Where the samples of a cross-wire scan come from: the simulated world, or a recording."""
+"""Provides the samples of a cross-wire scan, from a simulation or a recording."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -24,9 +24,8 @@ _SPOILED_MM = 4.0
 
 @dataclass(frozen=True, slots=True)
 class ScanInput:
-    """samples: in time order, `total` of them. size_px: (width, height) of the pictures. name: for the provenance.
-
-    file: where they come from, None where they are simulated.
+    """The samples, in time order, `total` of them. `size_px` is (width, height) of the pictures, `name` is written to
+    the provenance, `file` is None for a simulation.
     """
 
     samples: Iterator[Sample]
@@ -37,9 +36,8 @@ class ScanInput:
 
 
 def simulated(seed: int, duration_s: float, program: str = "freehand") -> ScanInput:
-    """A hand that tilts the probe over a cross-wire in water, without devices and faster than it would take.
-
-    program: "guided" where the crossing is to appear all over the picture.
+    """Simulates a hand that tilts the probe over a cross-wire in water, faster than real time. The program "guided"
+    lets the crossing appear all over the picture.
     """
     world = World(seed, program, "cross-wire")
     frames = round(duration_s * 1e9 / _FRAME_NS)
@@ -50,7 +48,7 @@ def simulated(seed: int, duration_s: float, program: str = "freehand") -> ScanIn
 
 
 def simulated_reference() -> Calibration:
-    """The calibration of the simulated probe, with ζ spoiled by 4 mm, for trying the command out."""
+    """Returns the calibration of the simulated probe with an error of 4 mm in ζ, to try the command."""
     world = World()
     size_px = world.settings.width_px, world.settings.height_px
     calibration = calibration_from_image_to_probe(world.image_to_probe, size_px)
@@ -59,7 +57,7 @@ def simulated_reference() -> Calibration:
 
 
 def recorded(path: Path, probe: str | None, reference: str | None, orientation: str | None) -> ScanInput:
-    """A PLUS sequence. Raises RecordingError."""
+    """Opens a PLUS sequence. Raises RecordingError."""
     session = open_recording(path, probe=probe, reference=reference, orientation=orientation)
     if session.size_px is None:
         raise RecordingError("holds no pictures", str(path), "Give a recording of the cross-wire with its pictures")

@@ -1,4 +1,4 @@
-"""What a cross-wire scan gave, as tables for the person who is to accept it."""
+"""Tables of a cross-wire scan's results, for the person who accepts them."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -22,7 +22,9 @@ _WORST = 8
 
 
 def difference_in_sigmas(new: Calibration, other: Calibration) -> tuple[Vector, Vector]:
-    """(8,) other less new in the units of PARAMETERS, and the same ÷ the sigmas of both; NaN where neither has any."""
+    """Returns (8,) other minus new in the units of PARAMETERS, and the same divided by the combined sigmas; NaN where
+    neither has any.
+    """
     change = np.concatenate(
         [
             vector_from_rotation(other.rotation @ new.rotation.T),
@@ -37,8 +39,8 @@ def difference_in_sigmas(new: Calibration, other: Calibration) -> tuple[Vector, 
 
 
 def compared(whole: WholeSolution, apart: Mapping[str, tuple[Vector, Vector]]) -> list[dict[str, Any]]:
-    """The eight parameters as people read them: name, value, sigma, unit, and of each other calibration how far it is
-    from the new one, in the unit and in sigmas; None where that is not known. apart: as difference_in_sigmas.
+    """Returns name, value, sigma and unit of the eight parameters, and how far each other calibration is from the new
+    one, in the unit and in sigmas; None where that is not known. `apart` is as in difference_in_sigmas.
     """
     new = whole.calibration
     values = [*vector_from_rotation(new.rotation) * np.degrees(1.0), *new.scale_mm_per_px, *new.offset_mm]
@@ -61,14 +63,16 @@ def compared(whole: WholeSolution, apart: Mapping[str, tuple[Vector, Vector]]) -
 
 
 def parameter_table(whole: WholeSolution, others: Mapping[str, Calibration]) -> FittingTable:
-    """The eight parameters with their sigma, and how far the other calibrations are from them, in sigmas."""
+    """Returns the eight parameters with their sigmas, and how far the other calibrations are from them, in sigmas."""
     return comparison_table(
         compared(whole, {name: difference_in_sigmas(whole.calibration, other) for name, other in others.items()})
     )
 
 
 def disagreements(whole: WholeSolution, others: Mapping[str, Calibration]) -> list[str]:
-    """A sentence for each other calibration that is further off than the sigmas allow: which parameters are."""
+    """Returns a sentence for each other calibration that differs by more than the sigmas allow, with the parameters
+    that do.
+    """
     told = []
     for name, other in others.items():
         change, sigmas = difference_in_sigmas(whole.calibration, other)
@@ -86,7 +90,7 @@ def disagreements(whole: WholeSolution, others: Mapping[str, Calibration]) -> li
 
 
 def comparison_table(lines: Sequence[Mapping[str, Any]]) -> FittingTable:
-    """What `compared` gives."""
+    """Returns the result of `compared` as a table."""
     rows = []
     for one in lines:
         cells = [one["name"], f"{one['value']:.4f}" if one["unit"] == "%" else f"{one['value']:.2f}"]
@@ -100,9 +104,8 @@ def comparison_table(lines: Sequence[Mapping[str, Any]]) -> FittingTable:
 
 
 def view_table(state: Running, views_px: Vector, all_of_them: bool) -> FittingTable:
-    """The views by number, from 1 as in the live review, the furthest off first where only some are shown.
-
-    views_px: (N, 2).
+    """Returns the views by number, from 1 as in the live review; where only some are shown, those with the largest
+    error. `views_px` is (N, 2).
     """
     length = np.linalg.norm(state.cloud_mm, axis=1)
     order = list(range(state.views))

@@ -1,4 +1,6 @@
-"""All eight parameters from a scan: solved, shown, checked at another point, or refused with every reason."""
+"""Solves all eight parameters from a scan, prints them and checks them at another point; refuses a scan with every
+reason.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -26,7 +28,7 @@ _STATED_LATENCY_S = 0.005
 
 @dataclass(frozen=True, slots=True)
 class WholeOptions:
-    """What the user asked of --solve all. latency_ms: None where nobody stated one."""
+    """The options of --solve all. `latency_ms` is None where the user stated none."""
 
     strike: tuple[int, ...] = ()
     review: bool = False
@@ -40,7 +42,7 @@ class WholeOptions:
     latency_ms: float | None = None
 
     def refuse_used(self) -> None:
-        """Raises click.UsageError where an option was given that only --solve all knows."""
+        """Raises click.UsageError for an option that needs --solve all."""
         given = {
             "--strike": self.strike,
             "--review": self.review,
@@ -55,7 +57,7 @@ class WholeOptions:
 
 
 def sound(water_c: float | None, scanner_m_s: float, corrected: bool) -> None:
-    """Say what the water does to depths. Raises ScanRefused where it is too much and nobody corrects it."""
+    """Prints the effect of the water on depths. Raises ScanRefused where it is too large and not corrected."""
     if water_c is None:
         return
     water_m_s = speed_of_sound_m_s(water_c)
@@ -81,7 +83,7 @@ def solve_all(
     sigma_mm: float,
     reading: Callable[[Path], ScanInput],
 ) -> tuple[Calibration, dict[str, str]]:
-    """The calibration and its record. reading: opens another recording, of the check. Raises ScanRefused."""
+    """Returns the calibration and its record. `reading` opens the recording of the check. Raises ScanRefused."""
     state, running = _solved(scan, scan_input, before, options, sigma_mm)
     _say(scan, state, running, before, options)
     if state.refusals or state.whole is None:
@@ -162,7 +164,7 @@ def _say(
 
 
 def _checked(found: Calibration, other: ScanInput, options: WholeOptions, latency_s: float) -> str:
-    """Raises ScanRefused where the other crossing is not put in one place, or not where it is."""
+    """Raises ScanRefused where the views of the other crossing do not meet in one place, or not at its stated place."""
     scan = CrosswireScan((options.latency_ms or 0.0) + 1000 * latency_s)
     for sample in other.samples:
         scan.step(sample)

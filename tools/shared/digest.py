@@ -1,4 +1,4 @@
-"""The SHA-256 of a file, by which a report says of which one it speaks."""
+"""The SHA-256 of a file, which identifies it in a report."""
 
 import hashlib
 from pathlib import Path
@@ -7,7 +7,7 @@ from drivers.errors import RecordingError
 
 
 def file_sha256(path: Path) -> str:
-    """SHA-256 of a file of any size, in hexadecimal. Raises RecordingError."""
+    """Returns the SHA-256 of a file of any size, in hexadecimal. Raises RecordingError."""
     try:
         with path.open("rb") as stream:
             return hashlib.file_digest(stream, "sha256").hexdigest()

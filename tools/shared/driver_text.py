@@ -1,4 +1,4 @@
-"""What the drivers say of themselves (drivers/descriptor.py), in words of a terminal."""
+"""Help texts made from the drivers' descriptors (drivers/descriptor.py)."""
 
 import textwrap
 from collections.abc import Iterable, Iterator, Sequence
@@ -13,30 +13,30 @@ _URL = 32
 
 
 def real_drivers(kind: str = "") -> list[Driver]:
-    """Those of devices, no simulation and no recording; of one kind if it is given."""
+    """Returns the drivers of devices, without simulations and recordings; of one kind if it is given."""
     return [one for one in drivers().values() if not one.is_simulated and kind in ("", *one.kinds)]
 
 
 def examples(kind: str) -> str:
-    """URLs of that kind, as somebody who configures a cart may write them; of outputs those that can be the contact."""
+    """Returns example URLs of that kind for a configuration; for outputs, those that can drive the contact."""
     fitting = (one for one in real_drivers(kind) if one.contact is None or one.contact.serves_contact)
     return ", ".join(one.examples[kind] for one in fitting)
 
 
 def any_url() -> str:
-    """A URL of each kind of device, and one of a server."""
+    """Returns an example URL of each kind of device, and one of a server."""
     firsts = [next(one for one in real_drivers() if one.kinds == (kind,)) for kind in ("tracker", "video", "output")]
     servers = [one for one in real_drivers() if len(one.kinds) > 1]
     return listed([next(iter(one.examples.values())) for one in (*firsts, *servers)])
 
 
 def listed(words: Sequence[str]) -> str:
-    """a, b or c."""
+    """Joins items as in: a, b or c."""
     return " or ".join(part for part in (", ".join(words[:-1]), words[-1]) if part)
 
 
 def schemes_and_options() -> Iterator[str]:
-    """Lines of help: the URL of each driver, what it is for, and the options that it takes."""
+    """Returns lines of help: the URL of each driver, its purpose, and its options."""
     for driver in drivers().values():
         example = next(iter(driver.examples.values()))
         yield f"  {example if driver.required else example.partition('?')[0]:{_URL}}{driver.device}"
@@ -45,7 +45,7 @@ def schemes_and_options() -> Iterator[str]:
 
 
 def before_paths(targets: Iterable[Target]) -> Iterator[str]:
-    """Lines of help: which schemes go before the path of each kind of connected device."""
+    """Returns lines of help: the schemes for the path of each kind of connected device."""
     for target in targets:
         found = [one for one in real_drivers() if target in one.targets]
         schemes = [f"{one.scheme}:{''.join(f' with ?{name}= after it' for name in one.required)}" for one in found]

@@ -1,4 +1,4 @@
-"""What a recording shows of the calibration, as a calibration file."""
+"""Writes the calibration estimated from a recording as a file."""
 
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -16,8 +16,9 @@ _NEEDED = PARAMETERS[:5]
 
 
 def write_estimate(path: Path, estimate: Calibration | None, nominal: Calibration, recording: Path) -> None:
-    """nominal: where the estimate began, from which comes what was not observed. Raises RecordingError where the motion
-    does not show rotation and scales, ConfigurationError where the file cannot be written.
+    """Writes the estimate. `nominal` is its starting point and supplies the parameters not observed. Raises
+    RecordingError where the motion does not determine rotation and scales, ConfigurationError where the file cannot be
+    written.
     """
     seen = () if estimate is None else estimate.observed
     missing = [name for name, shown in zip(_NEEDED, seen or (False,) * len(_NEEDED), strict=False) if not shown]

@@ -1,4 +1,4 @@
-"""A recording in the forms of other programs: sequences for 3D Slicer and PLUS, a table, a film with what was said."""
+"""Exports a recording: as sequences for 3D Slicer and PLUS, as a table, or as a film with the verdicts."""
 
 import csv
 import io
@@ -34,7 +34,7 @@ _BAND_PX = 24
 
 
 def export(series: Series, form: str, path: Path) -> int:
-    """How many pictures, or poses of a table, were written. Raises RecordingError where there are none,
+    """Returns how many pictures, or poses of a table, were written. Raises RecordingError where there are none,
     ConfigurationError where the file cannot be written.
     """
     write = {".igs.mha": _sequence, ".igs.nrrd": _sequence, "csv": _table, "mp4": _film}[form]
@@ -46,10 +46,8 @@ def export(series: Series, form: str, path: Path) -> int:
 
 
 def items(series: Series) -> Iterator[SequenceItem]:
-    """Each picture with the probe's pose at its own time, between the two poses around it; INVALID where there is none.
-    Where a second body was ever seen, its pose stands beside it likewise.
-
-    Stamps are the recording's own: CLOCK_MONOTONIC of the cart.
+    """Yields each picture with the probe's pose interpolated at its time; INVALID where there is none. If a second body
+    was ever seen, its pose is added in the same way. Stamps are those of the recording: CLOCK_MONOTONIC of the cart.
     """
     poses, seconds = _poses(series), _poses(series, second=True)
     tracks = {_NAME: poses} | ({_WITNESS: seconds} if seconds else {})
@@ -71,7 +69,7 @@ def _sequence(series: Series, path: Path) -> int:
 
 
 class _Counted:
-    """Items of one size, counted; a sequence has one size alone, so others are left out."""
+    """Counts items. A sequence has one picture size, so pictures of other sizes are left out."""
 
     def __init__(self, found: Iterable[SequenceItem], size_px: tuple[int, int]) -> None:
         self._found, self._shape, self.number = found, size_px[::-1], 0
@@ -84,7 +82,7 @@ class _Counted:
 
 
 def _table(series: Series, path: Path) -> int:
-    """Every pose, with what was said last and the state, beside the columns that `replay --poses` reads."""
+    """Writes every pose with the latest verdict and the state, beside the columns that `replay --poses` reads."""
     text, number = io.StringIO(newline=""), 0
     writer = csv.DictWriter(text, (*POSE_COLUMNS, "t_ns", "verdict", "fault", "state"))
     writer.writeheader()
@@ -107,7 +105,7 @@ def _table(series: Series, path: Path) -> int:
 
 
 def _cells(pose: Pose, start_ns: int) -> dict[str, object]:
-    """repr gives the digits that make the same number again."""
+    """Formats numbers with repr, whose digits restore the same value."""
     status = "ok" if pose.matrix is not None else f"{pose.status.value}: {pose.reason}"
     numbers = [""] * 12 if pose.matrix is None else [repr(float(one)) for one in pose.matrix[:3].ravel()]
     t_ns = pose.stamp.t_ns
@@ -116,7 +114,7 @@ def _cells(pose: Pose, start_ns: int) -> dict[str, object]:
 
 
 def _film(series: Series, path: Path) -> int:
-    """Pictures with a line under each: time, state, verdict and its reason."""
+    """Writes the pictures with a line under each: time, state, verdict and its reason."""
     width, height = _size_px(series)
     size_px = width + width % 2, height + _BAND_PX + height % 2
     fourcc = cv2.VideoWriter.fourcc(*"mp4v")
@@ -159,7 +157,7 @@ def _frames(series: Series) -> Iterator[Frame]:
 
 
 def _size_px(series: Series) -> tuple[int, int]:
-    """(width, height) of the first picture. Raises RecordingError."""
+    """Returns (width, height) of the first picture. Raises RecordingError."""
     first = next(_frames(series), None)
     if first is None:
         raise RecordingError("holds no pictures", str(series.boxes[0].path), "Export its poses: --to csv")
@@ -174,7 +172,7 @@ def _fps(series: Series) -> float:
 
 
 def _poses(series: Series, second: bool = False) -> list[tuple[int, Matrix4]]:
-    """Poses in order of time; None is no pose. second: of the second body on the probe."""
+    """Returns the poses in time order; None stands for no pose. `second` selects the second body on the probe."""
     told = (item for item, _ in series.items() if isinstance(item, Pose))
     found = [(pose.stamp.t_ns, pose.witness if second else pose.matrix) for pose in told]
     return sorted(((t_ns, matrix) for t_ns, matrix in found if matrix is not None), key=lambda pose: pose[0])

@@ -1,4 +1,4 @@
-"""What people name when they say which recordings: files, folders, and the files of a recorder."""
+"""Finds the recordings that arguments name: files, folders, and the files of a recorder."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -13,10 +13,9 @@ SUFFIXES = (".mha", ".mhd", ".nrrd", ".mcap")
 
 
 def found(paths: Sequence[Path]) -> tuple[list[Path | Series], list[str]]:
-    """(recordings in the order in which they were named, what of the folders cannot be read, in words): the files of
-    one run of a recorder are one recording.
-
-    Raises ConfigurationError for a folder without any, RecordingError for a named file that cannot be read.
+    """Returns the recordings in the order in which they were named, and messages about files in folders that cannot be
+    read; the files of one run of a recorder are one recording. Raises ConfigurationError for a folder without
+    recordings, RecordingError for a named file that cannot be read.
     """
     sequences: list[Path | Series] = []
     boxes: list[BlackBox] = []
@@ -44,7 +43,7 @@ def _files(folder: Path) -> Iterator[Path]:
 
 
 def is_box(path: Path) -> bool:
-    """Whether it begins as a file of the recorder does."""
+    """Whether the file begins as a black box does."""
     try:
         with reading(path) as stream:
             return stream.read(len(MAGIC)) == MAGIC

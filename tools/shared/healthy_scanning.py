@@ -1,4 +1,6 @@
-"""What the sequential test made of a recording of healthy scanning, block by block; what is not healthy is refused."""
+"""Collects the results of the sequential test over healthy scanning, block by block; refuses scanning that is not
+healthy.
+"""
 
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator
@@ -64,7 +66,7 @@ class Heard:
 def heard_in_sequence(
     path: Path, calibration: Path, limits: Limits, stale_ns: int, watched: Watched
 ) -> tuple[Heard, bool]:
-    """Peaks heard in a sequence, and whether its calibration is simulated. Raises RecordingError,
+    """Returns the peaks in a sequence, and whether its calibration is simulated. Raises RecordingError,
     ConfigurationError.
     """
     recording = open_recording(path)
@@ -76,7 +78,7 @@ def heard_in_sequence(
 
 
 def heard_in_series(series: Series, limits: Limits, stale_ns: int) -> tuple[Heard, bool]:
-    """Peaks heard in a black box, by the references that were in force; and whether any of it is simulated."""
+    """Returns the peaks in a black box under the references then in force, and whether any of it is simulated."""
     path = series.boxes[0].path
     if series.first_settings() is None:
         raise RecordingError("holds no reference that was in force, so nothing was judged", str(path), _NOT_HEALTHY)
@@ -90,5 +92,5 @@ def heard_in_series(series: Series, limits: Limits, stale_ns: int) -> tuple[Hear
 
 
 def _line(reference: Calibration, limits: Limits, stale_ns: int) -> Line:
-    """A line that names as late as any may, so that a peak is seen to its top."""
+    """Creates a pipeline with the highest threshold for naming, so that peaks are recorded in full."""
     return Line(reference, limits.model_copy(update={"named_nats": MOST_NAMED_NATS}), stale_ns)

@@ -1,4 +1,4 @@
-"""Faults put into a recording, sample by sample, as the simulated cart would show them live."""
+"""Injects faults into a recording, sample by sample, as the simulated cart would show them live."""
 
 from collections import deque
 from collections.abc import Iterable, Iterator
@@ -34,7 +34,7 @@ def inject(samples: Iterable[Sample], schedule: Schedule, origin_ns: int) -> Ite
 
 
 class _Spoiler:
-    """Remembers what a frozen picture or a stale tracker repeats."""
+    """Keeps what a frozen picture or a stale tracker repeats."""
 
     def __init__(self, schedule: Schedule, origin_ns: int) -> None:
         self._schedule, self._origin_ns = schedule, origin_ns

@@ -1,4 +1,4 @@
-"""What a command says where somebody breaks it off."""
+"""Reports what a command leaves behind when it is interrupted."""
 
 import signal
 import sys
@@ -14,7 +14,7 @@ _BREAK_OFF = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 @contextmanager
 def said_when_interrupted(what: str) -> Iterator[None]:
     """Inside, Ctrl-C, SIGTERM and SIGHUP raise SystemExit with exit code 128 + signal, after `what` was being run is
-    told on stderr; what more of them come changes nothing.
+    printed on stderr; further signals have no effect.
     """
 
     def end(number: int, _frame: FrameType | None) -> None:
@@ -33,8 +33,8 @@ def said_when_interrupted(what: str) -> Iterator[None]:
 
 @contextmanager
 def stopped_saying(tell: str | Callable[[], str]) -> Iterator[None]:
-    """Inside, Ctrl-C, the end of the input and an answer that declines raise click.Abort with what has become of it, as
-    `tell` says afterwards; what an inner block has told of it stays.
+    """Inside, Ctrl-C, the end of the input and a declined question raise click.Abort with the outcome, which `tell`
+    returns; a message set by an inner block takes precedence.
     """
     try:
         yield

@@ -1,4 +1,4 @@
-"""--json, which is one thing in every command that has it: JSON on standard output, and nothing else there."""
+"""The --json option, the same in every command: JSON on standard output and nothing else there."""
 
 import contextlib
 import json
@@ -12,14 +12,14 @@ _Command = TypeVar("_Command", bound=Callable[..., Any])
 
 
 def json_option(command: _Command) -> _Command:
-    """Adds --json, a switch that comes as as_json."""
+    """Adds the switch --json, passed as as_json."""
     told = "print JSON and nothing else, null for what is not known; text goes to standard error"
     return click.option("--json", "as_json", is_flag=True, help=told)(command)
 
 
 @contextlib.contextmanager
 def text_aside(as_json: bool) -> Iterator[Callable[[object], None]]:
-    """Gives what prints the JSON, where it is asked for. Meanwhile all that is printed goes to standard error then."""
+    """Yields the function that prints the JSON, where it is asked for; all other output then goes to standard error."""
     stdout = sys.stdout
 
     def write(report: object) -> None:
@@ -31,5 +31,5 @@ def text_aside(as_json: bool) -> Iterator[Callable[[object], None]]:
 
 
 def json_of(report: object, indent: int | None = 2) -> str:
-    """The same in every locale, as it is ASCII. Raises ValueError for a number that is not finite."""
+    """Returns ASCII JSON, independent of the locale. Raises ValueError for a number that is not finite."""
     return json.dumps(report, indent=indent, allow_nan=False)

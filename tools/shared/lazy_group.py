@@ -10,7 +10,9 @@ from drivers.suggestion import did_you_mean, suggested
 
 
 class LazyGroup(click.Group):
-    """names: command → what it does. prefix: of the module that holds it as `command`. heading: over the list."""
+    """`names` maps each command to its summary, `prefix` names the package whose modules define `command`, `heading` is
+    the title of the list.
+    """
 
     def __init__(self, *args: Any, names: Mapping[str, str], prefix: str, heading: str, **kwargs: Any) -> None:
         self._names, self._prefix, self._heading = names, prefix, heading
@@ -30,7 +32,7 @@ class LazyGroup(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Raises UsageError that says which command may have been meant."""
+        """Raises UsageError with the most similar command for an unknown one."""
         if args and not args[0].startswith("-") and args[0] not in self._names:
             meant = did_you_mean(suggested(args[0], self._names)) or f"Use one of {', '.join(sorted(self._names))}."
             ctx.fail(f"No such command '{args[0]}'. {meant}")

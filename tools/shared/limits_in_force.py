@@ -1,4 +1,4 @@
-"""Which limits a configuration has in force, and why: for whoever checks or writes one."""
+"""Explains the limits in force, for a person who checks or writes a configuration."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -14,7 +14,9 @@ _LESS_IS_LOOSER = ("confidence_sigma",)
 
 
 def rows(limits: Limits, text: str) -> Iterator[str]:
-    """One for the profile, one for each number of it and each that the file gives. text: of the configuration."""
+    """Returns a row for the profile, for each of its limits and for each limit in the file. `text` is the
+    configuration.
+    """
     yield profile_text(limits_fields(limits))
     given = {place[1] for place in key_lines(text) if len(place) == 2 and place[0] == "limits"}
     of_profile = {name for one in PROFILES.values() for name in one}
@@ -28,7 +30,9 @@ def rows(limits: Limits, text: str) -> Iterator[str]:
 
 
 def remarks(limits: Limits) -> Iterator[str]:
-    """What whoever takes these limits ought to know: what never closes the contact, what is looser than it reads."""
+    """Returns warnings about these limits: one that never lets the contact close, one that is looser than the profile
+    says.
+    """
     for fault in never_shown(limits):
         one = QUANTITIES[fault]
         sigmas, key = limits.confidence_sigma, f"[limits] {one.limit_key} = {one.limit(limits):g}"
@@ -56,7 +60,7 @@ def _text(value: Any) -> str:
 
 
 def _is_looser(name: str, value: Any, usual: Any) -> bool:
-    """Whether an OK says less by it. A region leaves places out; of the ages each may."""
+    """Whether an OK asserts less with this value. A region excludes places; a longer age is looser too."""
     if name == "region":
         return True
     if name == "required_age_s":

@@ -25,28 +25,28 @@ _Command = TypeVar("_Command", bound=Callable[..., Any])
 
 
 def config_option(command: _Command) -> _Command:
-    """Adds --config, whose value comes as config_file, None where neither it nor the environment names a cart."""
+    """Adds --config, passed as config_file; None where neither it nor the environment names a cart."""
     return _config(expose=True)(command)
 
 
 def file_argument(command: _Command) -> _Command:
-    """Adds FILE, which --config and the environment may name as well; it comes as file."""
+    """Adds FILE, which --config and the environment may name too; passed as file."""
     file = click.argument("file", required=False, type=click.Path(path_type=Path), callback=_file)
     return file(_config(expose=False)(command))
 
 
 def cart_option(command: _Command) -> _Command:
-    """Adds --config for a command that cannot do without: the file comes as config_file."""
+    """Adds --config to a command that requires it; passed as config_file."""
     return _config(expose=True, default=CONFIG)(command)
 
 
 def socket_option(command: _Command) -> _Command:
-    """Adds --config and --socket; the control socket of the service comes as control_socket."""
+    """Adds --config and --socket; the control socket of the service is passed as control_socket."""
     return _config(expose=False)(control_option(command))
 
 
 def control_option(command: _Command) -> _Command:
-    """Adds --socket alone, for a command that has --config already."""
+    """Adds only --socket, for a command that has --config already."""
     option = click.option(
         "--socket",
         "control_socket",
@@ -58,12 +58,12 @@ def control_option(command: _Command) -> _Command:
 
 
 def folder_argument(command: _Command) -> _Command:
-    """Adds --config and FOLDER; the folder of the alarm log comes as folder."""
+    """Adds --config and FOLDER; the folder of the alarm log is passed as folder."""
     return _config(expose=False)(click.argument("folder", required=False, **_FOLDER)(command))
 
 
 def folder_option(command: _Command) -> _Command:
-    """Adds --config and --folder; the folder of the alarm log comes as folder."""
+    """Adds --config and --folder; the folder of the alarm log is passed as folder."""
     told = "alarm log of the service [of its configuration]"
     return _config(expose=False)(click.option("--folder", help=told, **_FOLDER)(command))
 
@@ -105,8 +105,8 @@ def _derived(section: str, key: str, usual: Path) -> Callable[[click.Context, cl
 
 
 def _said(named: Path | None, section: str, key: str) -> Path | None:
-    """What the configuration says there, None where it says nothing; a running service is found although another line
-    has a mistake. Raises ConfigurationError for a file that was named and cannot be read.
+    """Returns what the configuration states there, None where it states nothing; a running service is found even if
+    another line is invalid. Raises ConfigurationError for a named file that cannot be read.
     """
     file = named or CONFIG
     try:

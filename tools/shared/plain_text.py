@@ -66,7 +66,7 @@ def speak_plainly() -> None:
 
 
 def shown(text: str) -> str:
-    """The text as standard output will show it, so that a table is laid out for what is seen."""
+    """Returns the text as standard output will show it, so that tables are laid out for what is visible."""
     encoding = sys.stdout.encoding or "utf-8"
     try:
         return text.encode(encoding, _HANDLER).decode(encoding)

@@ -1,4 +1,4 @@
-"""The error of a point in words, the same wherever people read it."""
+"""The error of a point as text, the same in every output."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -15,7 +15,7 @@ WORDS = {
 
 
 def point_text(point: Mapping[str, Any] | None, limit_mm: float | None = None, language: str = "en") -> str:
-    """point: of the status or of a report. limit_mm: that an OK asks for, None for none."""
+    """Returns the text. `point` comes from the status or a report; `limit_mm` is the limit for an OK, None for none."""
 
     def say(name: str, **numbers: str) -> str:
         return translated(WORDS[name], language).format(**numbers)

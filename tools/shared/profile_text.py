@@ -1,4 +1,4 @@
-"""The limits in force by the name of their profile, the same wherever people read it."""
+"""The limits in force under the name of their profile, the same in every output."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -9,7 +9,9 @@ WORDS = {"limits": "limits: {profile}", "limits but": "limits: {profile}, but fo
 
 
 def profile_text(limits: Mapping[str, Any] | None, language: str = "en") -> str:
-    """limits: of the status or of a report, with profile and beside; empty where an older service sends none."""
+    """Returns the text. `limits` comes from the status or a report, with profile and beside; empty where an older
+    service sends none.
+    """
     if limits is None:
         return ""
     profile, beside = limits["profile"], ", ".join(_named(name, value) for name, value in limits["beside"].items())
@@ -17,19 +19,21 @@ def profile_text(limits: Mapping[str, Any] | None, language: str = "en") -> str:
 
 
 def logged_limits_text(data: Mapping[str, Any]) -> str:
-    """Limits of an entry of the alarm log; empty where it is of a version that has none, or has them otherwise."""
+    """Returns the limits of an entry of the alarm log; empty for an entry of a version that stores none, or stores them
+    otherwise.
+    """
     limits = data.get("limits")
     told = isinstance(limits, Mapping) and "profile" in limits and isinstance(limits.get("beside"), Mapping)
     return profile_text(limits) if told else ""
 
 
 def is_usual(limits: Mapping[str, Any] | None) -> bool:
-    """Whether they are those that probewatch ships with, which need no line of their own."""
+    """Whether these are the shipped limits, which are not shown."""
     return limits is None or (limits["profile"] == "coarse" and not limits["beside"])
 
 
 def _named(name: str, value: Any) -> str:
-    """A limit with its value; what has several by its name alone."""
+    """Returns a limit with its value; a limit with several values is named only."""
     if value is None:
         return f"no {name}"
     return name if isinstance(value, dict) else f"{name} {value:g}"

@@ -1,4 +1,4 @@
-"""A recording through line and supervisor, as fast as it goes."""
+"""Runs a recording through pipeline and supervisor, as fast as possible."""
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
@@ -17,7 +17,7 @@ from tools.shared.rerun import Comparison, Rerun, Step
 
 
 class Session(Protocol):
-    """What is asked of a recording; drivers.recordings.replay.Recording is one, a black box another."""
+    """What a recording must offer; implemented by drivers.recordings.replay.Recording and by a black box."""
 
     @property
     def start_ns(self) -> int: ...
@@ -36,7 +36,7 @@ Seen = Callable[[Sample, tuple[Verdict, ...], Line], None]
 
 
 def nobody(sample: Sample, verdicts: tuple[Verdict, ...], line: Line) -> None:
-    """Sees nothing."""
+    """Ignores the sample and its verdicts."""
 
 
 def run(
@@ -47,9 +47,8 @@ def run(
     watched: Callable[[Iterable[Sample]], Iterator[Sample]] = iter,
     seen: Seen = nobody,
 ) -> tuple[LineReport, list[Change]]:
-    """Every sample through line and supervisor; the report counts the frames that the reader left out, too.
-
-    watched: passes the samples on, to show how far it is.
+    """Runs every sample through pipeline and supervisor; the report also counts the frames that the reader left out.
+    `watched` passes the samples on and shows the progress.
     """
     timeline = Timeline(session.start_ns, *session.overlap_ns, judging)
     for sample in watched(inject(session.samples(), schedule, session.start_ns)):
@@ -69,8 +68,8 @@ def run_series(
     watched: Callable[[Iterable[Step]], Iterator[Step]] = iter,
     seen: Seen = nobody,
 ) -> tuple[LineReport, list[Change], Comparison]:
-    """A black box through lines made as its own settings say; the report is the last line's. judging: None for the
-    limits of the first line, and the times that probewatch ships with. Raises RecordingError where no line was made.
+    """Runs a black box through pipelines with its own settings; the report is that of the last one. `judging` None uses
+    the limits of the first pipeline and the shipped times. Raises RecordingError where there was no pipeline.
     """
     settings = series.first_settings()
     if settings is None:
@@ -94,7 +93,7 @@ def run_series(
 
 
 class BlackBoxSession:
-    """The samples of a black box as a session, whatever lines there were."""
+    """The samples of a black box as one session, regardless of its pipelines."""
 
     left_out: dict[str, int] = {}  # noqa: RUF012  what is missing is told by its gaps
 

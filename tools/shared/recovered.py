@@ -1,4 +1,4 @@
-"""The calibration that a service proposes in its status, as one that can be written down."""
+"""The calibration that a service proposes in its status, as a calibration object."""
 
 from dataclasses import replace
 from typing import Any
@@ -11,8 +11,8 @@ from drivers.errors import ConfigurationError
 
 
 def recovered(status: dict[str, Any]) -> Calibration:
-    """The reference in force with what motion says of rotation and in-plane offset; simulated where the reference or a
-    source is. Raises ConfigurationError where the service proposes none.
+    """Returns the reference in force with rotation and in-plane offset as motion measured them; marked simulated where
+    the reference or a source is. Raises ConfigurationError where the service proposes none.
     """
     proposal, reference = status.get("proposal"), status["reference"]
     if proposal is None or reference is None:

@@ -1,4 +1,4 @@
-"""The record that a calibration carries: who made it and of what, who signed it, and until when it holds."""
+"""The record in a calibration file: who made it from what, who signed it, and until when it is valid."""
 
 import getpass
 import json
@@ -20,7 +20,7 @@ _PLACEHOLDERS = ("", "name", "your name", "role", "todo", "tbd", "fixme", "x", "
 
 
 def user() -> str:
-    """Name of who runs this, as far as the system knows it."""
+    """Returns the name of the current user, as the system reports it."""
     try:
         return getpass.getuser()
     except (OSError, KeyError):
@@ -29,7 +29,9 @@ def user() -> str:
 
 @dataclass(frozen=True, slots=True)
 class SignOff:
-    """What people say of a calibration; empty where nobody did. due: to be renewed; expires: not to be used after."""
+    """The statements of people about a calibration; empty where none was made. `due`: date of renewal; `expires`: last
+    day of use.
+    """
 
     made_by: str
     signed_by: str = ""
@@ -42,7 +44,9 @@ class SignOff:
     expires: date | None = None
 
     def check(self) -> None:
-        """Raises ConfigurationError where it is signed by who made it, by nobody's role, or ends before it begins."""
+        """Raises ConfigurationError where the maker is the signer, the signer has no role, or it expires before it is
+        due.
+        """
         if self.signed_by and _name(self.signed_by) == _name(self.made_by):
             what = f"{self.signed_by} made it and cannot sign it as well"
             raise ConfigurationError(what, "sign-off", "Have a second person sign, or leave --signed-by away for now")
@@ -53,7 +57,7 @@ class SignOff:
             raise ConfigurationError(what, "sign-off", "Give --expires a later day")
 
     def fields(self) -> dict[str, str]:
-        """Keys of the calibration's provenance, without those that nobody filled."""
+        """The keys for the calibration's provenance, without empty ones."""
         said = {
             "made_by": self.made_by,
             "signed_by": self.signed_by,
@@ -70,7 +74,7 @@ class SignOff:
 
 
 def remarks_on(stated: Mapping[str, str], now: datetime) -> Iterator[str]:
-    """What a reader of this provenance must not take for granted: nobody, a placeholder, a day that cannot be."""
+    """Yields what a reader of this provenance must not rely on: a missing person, a placeholder, an impossible date."""
     for key, what in (("made_by", "who made it"), ("signed_by", "who signed it"), ("signed_role", "the signer's role")):
         if _name(stated.get(key, "")).strip(_STROKES) in _PLACEHOLDERS and key in stated:
             yield f"{what} is {stated[key]!r}: that is a placeholder, not a person"
@@ -102,7 +106,9 @@ def _name(text: str) -> str:
 
 
 def whole_record(state: Running, sign_off: SignOff, source: str, data_sha256: str) -> dict[str, str]:
-    """Provenance of a calibration from nothing. source: of the scan. Raises ValueError without solution."""
+    """Returns the provenance of a calibration solved from nothing. `source` names the scan. Raises ValueError without
+    solution.
+    """
     whole = state.whole
     if whole is None or whole.calibration.covariance is None:
         raise ValueError("nothing was solved")

@@ -1,4 +1,4 @@
-"""What the checks of a status say of the eight parameters of a calibration, in the units of those."""
+"""Converts the checks of a status to changes of the eight calibration parameters."""
 
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -10,8 +10,8 @@ from appliance.types import PARAMETERS, Vector
 
 
 def stated_change(checks: Iterable[Mapping[str, Any]]) -> tuple[Vector, Vector]:
-    """(8,) change from the reference and (8,) its sigma, in the units of PARAMETERS (rad, relative, mm), as the checks
-    of a status tell them; NaN where they do not.
+    """Returns the (8,) changes from the reference and their (8,) sigmas, in the units of PARAMETERS (rad, relative,
+    mm); NaN where the checks do not report one.
     """
     told = {check["name"]: check for check in checks}
     parts = [told.get(name, {}) for name in PARAMETERS]

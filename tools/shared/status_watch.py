@@ -1,4 +1,4 @@
-"""What the service says of itself, asked again and again by a thread of its own, so that no client waits for it."""
+"""Polls the status of the service in a thread of its own, so that no client waits for it."""
 
 import threading
 import time
@@ -26,9 +26,8 @@ lives, as a busy computer delays this process more than the service; more would 
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """status: as docs/control.md describes it, None where the service does not say it now; silence says why.
-
-    t_ns: CLOCK_MONOTONIC for which it is true.
+    """The status as docs/control.md describes it, None while the service does not send it; `silence` says why. `t_ns`
+    is the CLOCK_MONOTONIC time of the status.
     """
 
     status: dict[str, Any] | None
@@ -37,7 +36,7 @@ class Seen:
 
 
 class StatusWatch:
-    """path: of the control socket. every_s: between two questions while somebody listens."""
+    """`path` is the control socket, `every_s` the polling interval while there are listeners."""
 
     def __init__(self, path: Path, every_s: float) -> None:
         self._path, self._every_s = path, every_s
@@ -58,11 +57,11 @@ class StatusWatch:
         self._thread.join(2 * _ANSWER_S)
 
     def want(self, listeners: int) -> None:
-        """How many listen now."""
+        """Sets the number of listeners."""
         self._listened_to = listeners > 0
 
     def seen(self) -> Seen:
-        """The last answer while it is fresh, else why there is none."""
+        """The latest status while it is fresh, else the reason why there is none."""
         last, now_ns = self._last, time.monotonic_ns()
         if last is None:
             return Seen(None, now_ns, self._why)

@@ -1,4 +1,6 @@
-"""What a replay report is of: without it nobody can tell later what was judged, by what, and whether it was spoiled."""
+"""Identifies what a replay report is about, so that it can be traced later: recording, calibration, limits and injected
+faults.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,9 +17,8 @@ _SHOWN = 12
 
 @dataclass(frozen=True)
 class Subject:
-    """recording: its files, with those of poses recorded apart. calibration, configuration: by which it was judged;
-    None for what the black box brings, and for the limits that probewatch ships with. injected: what spoiled it on
-    purpose.
+    """`recording` lists its files, including poses recorded apart. `calibration` and `configuration` are the files used
+    to judge it; None for those of the black box, and for the shipped limits. `injected` lists faults put in on purpose.
     """
 
     recording: tuple[tuple[Path, str], ...]
@@ -43,11 +44,11 @@ class Subject:
 
     @property
     def spoiled(self) -> str:
-        """What was injected, of which the title must warn; empty where nothing was."""
+        """The injected faults, for a warning in the title; empty without any."""
         return f"SPOILED on purpose: --inject {', '.join(self.injected)}" if self.injected else ""
 
     def rows(self) -> list[tuple[str, str]]:
-        """Rows for people."""
+        """The subject as rows of a table."""
         judged = "as recorded in the black box" if self.calibration is None else _named(self.calibration)
         limits = "as probewatch ships them" if self.configuration is None else _named(self.configuration)
         return [
@@ -58,7 +59,7 @@ class Subject:
         ]
 
     def fields(self) -> dict[str, object]:
-        """Ready for JSON."""
+        """The subject for JSON."""
         return {
             "recording": [_fields(file) for file in self.recording],
             "calibration": None if self.calibration is None else _fields(self.calibration),

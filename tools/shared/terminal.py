@@ -1,4 +1,4 @@
-"""Where commands speak: what a device, a file or a service says cannot take the terminal over, and how far work is."""
+"""Protects the terminal from control characters in texts of devices, files and services, and shows progress."""
 
 import sys
 from typing import TYPE_CHECKING, Any, TextIO, cast
@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 
 
 class _Terminal:
-    """A text stream that makes printable what goes through it; in everything else the one behind it."""
+    """A text stream that makes its text printable before it passes it on."""
 
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream

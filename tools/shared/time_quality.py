@@ -1,4 +1,4 @@
-"""How good the time of a source is, from the stamps of what it sent. Pure."""
+"""Measures the quality of a source's timestamps. Pure."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -59,7 +59,7 @@ def time_quality(samples: Sequence[Frame | Pose], arrivals_ns: Sequence[int]) ->
 
 
 def _jitter_ms(t_ms: np.ndarray, counts: np.ndarray) -> float:
-    """A counter that stood still or ran back says nothing of jitter."""
+    """Returns the jitter; NaN for a counter that stood still or ran backwards."""
     if np.any(np.diff(counts) <= 0):
         return float("nan")
     line = np.polynomial.Polynomial.fit(counts, t_ms, 1)

@@ -1,4 +1,6 @@
-"""What the service's unit does not see: its ProtectHome= and PrivateTmp= leave it no home and a /tmp of its own."""
+"""Finds files that the service's unit cannot read: with ProtectHome= and PrivateTmp= it has no home folders and its own
+/tmp.
+"""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,7 +14,7 @@ _REMEDY = "Copy it to /etc/probewatch, and name it there"
 
 
 def unseen(file: Path) -> str:
-    """Why the unit cannot see that file, and what to do; empty where it can."""
+    """Returns why the unit cannot read that file, and what to do; empty where it can."""
     places = (file.absolute(), file.resolve())
     for place in _HIDDEN:
         if any(one.is_relative_to(place) for one in places):
@@ -21,12 +23,14 @@ def unseen(file: Path) -> str:
 
 
 def is_of_the_unit(configuration: Path) -> bool:
-    """Whether the unit takes it; any other is of a service that a person starts, who sees what they see."""
+    """Whether the unit uses this configuration; any other belongs to a service started by a person, with that person's
+    rights.
+    """
     return configuration.absolute() == CONFIG
 
 
 def unseen_mistakes(config: Config, file: Path) -> Iterator[str]:
-    """Mistakes in what a configuration names, one a line. file: where it lies, or is to lie."""
+    """Returns the mistakes in the files that a configuration names, one per line. `file` is its path."""
     if not is_of_the_unit(file):
         return
     named = [("[calibration] file", config.calibration.file), ("[noise] file", config.noise.file)]
@@ -42,8 +46,8 @@ def unseen_mistakes(config: Config, file: Path) -> Iterator[str]:
 
 
 def relative(url: str) -> Iterator[str]:
-    """What is wrong with each path in a URL that begins in this folder: the service, started elsewhere, looks for it in
-    its own.
+    """Returns an error for each relative path in a URL: the service starts in another folder and would look for it
+    there.
     """
     _, target, options = split_url(url)
     for text in (target, *options.values()):
@@ -54,7 +58,7 @@ def relative(url: str) -> Iterator[str]:
 
 
 def _paths(url: str) -> Iterator[Path]:
-    """Whole paths in the target and the options of a URL, such as FILE.rom@PLUG,FILE.rom."""
+    """Returns the absolute paths in the target and the options of a URL, such as FILE.rom@PLUG,FILE.rom."""
     _, target, options = split_url(url)
     for text in (target, *options.values()):
         yield from (Path(part.partition("@")[0]) for part in text.split(",") if part.startswith("/"))

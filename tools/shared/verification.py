@@ -1,4 +1,4 @@
-"""A change of the reference as a person makes it: accept what it changes, then move the probe until it is verified."""
+"""Changes the reference on behalf of a person: confirm the difference, then move the probe until it is verified."""
 
 import contextlib
 import sys
@@ -25,8 +25,8 @@ _LOOK_EVERY_S = 0.25
 
 
 def accepted(proposal: dict[str, Any], yes: bool) -> str:
-    """The difference in words, as the service wants it repeated, once a person has accepted it where one must. Raises
-    ControlRefused.
+    """Returns the difference as text, which the service requires back, once a person has accepted it where that is
+    required. Raises ControlRefused.
     """
     text = str(proposal["text"])
     click.echo(f"against the reference in force: {text}")
@@ -36,7 +36,7 @@ def accepted(proposal: dict[str, Any], yes: bool) -> str:
 
 
 def ask(question: str, yes: bool) -> None:
-    """Returns once a person has said yes, now or before. Raises ControlRefused where nobody can be asked."""
+    """Returns after a person has said yes, now or before. Raises ControlRefused without a terminal."""
     if not yes and not sys.stdin.isatty():
         raise ControlRefused("needs a person to accept it; nothing was changed", question, "Give --yes to accept it")
     if not yes:
@@ -55,8 +55,8 @@ def refuse_simulated(socket: Path) -> None:
 
 @contextlib.contextmanager
 def recalibrating(client: ControlClient | None) -> Iterator[None]:
-    """The service, if any, recalibrates while the block runs; a block that fails or is interrupted aborts it, and
-    so does the service where this process is killed.
+    """The service, if any, stays in recalibration while the block runs; a block that fails or is interrupted aborts it,
+    and so does the service when this process is killed.
     """
     if client is None:
         yield
@@ -72,9 +72,8 @@ def recalibrating(client: ControlClient | None) -> Iterator[None]:
 
 @contextlib.contextmanager
 def reporting_change(socket: Path | None) -> Iterator[None]:
-    """Report to one who interrupts or declines inside whether the service has another reference than at the beginning.
-
-    socket: of the service, None where there is none. Raises ProbewatchError where it does not answer.
+    """Reports, if the block is interrupted or declined, whether the service has another reference than at the
+    beginning. `socket` is that of the service, None without one. Raises ProbewatchError where it does not answer.
     """
     if socket is None:
         with stopped_saying("no service was notified"):
@@ -92,7 +91,7 @@ def _reference_of(socket: Path) -> dict[str, Any] | None:
 
 
 def _become(socket: Path, before: dict[str, Any] | None) -> str:
-    """Asked of the service once it has carried out what was asked last."""
+    """Asks the service for the outcome, after its last request is complete."""
     time.sleep(_LOOK_EVERY_S)
     try:
         now = _reference_of(socket)
@@ -111,8 +110,8 @@ def _become(socket: Path, before: dict[str, Any] | None) -> str:
 
 
 def await_verification(client: ControlClient, socket: Path, wait_s: float) -> None:
-    """Returns once the service monitors. client: who gave the reference; the connection is kept, so that nobody else
-    changes it meanwhile. Raises DeviceLost, ControlRefused.
+    """Returns once the service monitors. `client` gave the reference; its connection stays open, so that no other
+    client changes the reference meanwhile. Raises DeviceLost, ControlRefused.
     """
     end_s = time.monotonic() + wait_s
     click.echo("now move the probe over tissue, to and fro, tilting and turning it: the service verifies the reference")

@@ -1,11 +1,11 @@
-"""Refuses options that were typed and would change nothing of what is done: a person believes what they typed."""
+"""Refuses options that would have no effect, because a user expects every option to have one."""
 
 import click
 from click.core import ParameterSource
 
 
 def refuse_typed(options: tuple[str, ...], beside: str) -> None:
-    """options: of this command, that have no effect beside that. Raises UsageError for one that was typed."""
+    """Raises UsageError for an option that was given but has no effect beside `beside`."""
     context = click.get_current_context()
     given = [one for one in context.command.params if isinstance(one, click.Option) and one.opts[0] in options]
     for one in given:

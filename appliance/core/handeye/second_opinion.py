@@ -47,7 +47,7 @@ class SecondOpinion:
 
 
 def second_opinion(samples: PathSamples, reference: Calibration) -> SecondOpinion | None:
-    """Estimates the calibration from the path of one session; None where the path is too short or does not determine X."""
+    """Estimates the calibration from the path of one session; None where the path does not determine X."""
     try:
         lag = max(1, round(_STEP_S / samples.period_s))
     except ValueError:

@@ -94,7 +94,7 @@ class Evidence:
         return self._examiner.explanation
 
     def restart(self) -> None:
-        """Discards all measurements, because the geometry has changed."""
+        """Discards what motion has shown, because the geometry has changed; contradictions stand."""
         self._examiner.restart()
         self._start_over(elsewhere=False)
 

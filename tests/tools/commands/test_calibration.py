@@ -154,7 +154,7 @@ def test_two_are_compared_by_number_or_file(said, tmp_path):
     assert "+0.00 % lateral" in out
     assert "beyond" not in out
     far = written(tmp_path / "far.toml", 0, -30, 0)
-    assert "a service takes it only when a person accepts it" in said("diff", 2, far)[1]
+    assert "a person must accept it before a service uses it" in said("diff", 2, far)[1]
     change = json.loads(said("diff", far, 1, "--json")[1])
     assert change["offset_along_mm"] == [0.0, 30.0, 0.0]
 
@@ -167,7 +167,7 @@ def test_what_a_person_must_accept_is_by_the_limits_of_the_cart(config, tmp_path
     cart = tmp_path / "cart.toml"
     cart.write_text(f"{GOOD}[limits]\noffset_mm = 1.0\n")
     told = answered("calibration", "diff", *numbers, "--config", cart)
-    assert "beyond the limits of the checks of the cart: a service takes it only when" in told.stdout, told.stderr
+    assert "beyond the limits of the checks of the cart: a person must accept it before" in told.stdout, told.stderr
     assert json.loads(answered("calibration", "diff", *numbers, "--config", cart, "--json").stdout)["beyond_limits"]
 
 

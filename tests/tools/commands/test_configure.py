@@ -74,7 +74,7 @@ def test_the_file_of_a_package_becomes_that_of_this_cart(file: Path) -> None:
 def test_again_with_the_same_nothing_is_written(file: Path) -> None:
     configured(file, *GIVEN)
     before = file.stat()
-    assert "says all that already" in configured(file, *GIVEN).stdout
+    assert "is already up to date" in configured(file, *GIVEN).stdout
     assert file.stat().st_mtime_ns == before.st_mtime_ns
 
 

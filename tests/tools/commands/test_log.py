@@ -186,7 +186,7 @@ def test_options_that_contradict_one_another_are_refused(folder: Path, arguments
 
 
 def test_it_says_that_nothing_is_what_was_asked_for(folder: Path) -> None:
-    assert "none of 5 entries is what was asked for" in asked(folder, "--since", "2100-01-01").stderr
+    assert "none of the 5 entries matches" in asked(folder, "--since", "2100-01-01").stderr
 
 
 def test_a_folder_that_is_not_there_and_a_file_that_cannot_be_written(folder: Path, tmp_path: Path) -> None:

@@ -133,7 +133,7 @@ def test_an_output_clicks_once_and_only_when_told_to(tmp_path: Path, capsys: pyt
     assert switched == [True, False]
     assert "it reports its contacts" in output
     assert re.search(r"contact energised in: +[\d.]+ ms, confirmed", output)
-    assert "nothing confirms" not in output
+    assert "no feedback confirms" not in output
 
 
 def test_a_click_that_nobody_confirms_says_so(tmp_path: Path) -> None:

@@ -57,7 +57,7 @@ def test_a_live_scan_without_anybody_at_a_terminal_says_what_to_give(
     monkeypatch.setattr("sys.stdin", io.StringIO())
     with Answering(tmp_path / "control"):
         answer = answered("recalibrate", "--live", "--socket", tmp_path / "control", "--folder", tmp_path)
-    assert (answer.returncode, "nobody can be asked here. Give --probe" in answer.stderr) == (130, True), answer
+    assert (answer.returncode, "there is no terminal to ask at. Give --probe" in answer.stderr) == (130, True), answer
 
 
 def test_the_days_of_a_live_scan_stand_in_its_record() -> None:

@@ -24,6 +24,6 @@ def test_where_nobody_can_be_asked_it_refuses_and_measures_nothing(
     with Answering(tmp_path / "control") as service:
         shown = answered("self-test", "--socket", service.path, "--folder", tmp_path)
     assert (shown.returncode, shown.stdout) == (78, "")
-    assert "nobody can be asked to lay the probe down" in shown.stderr
+    assert "needs an operator to lay the probe down" in shown.stderr
     assert "give --yes and --lamps" in shown.stderr
     assert service.asked == {}

@@ -41,4 +41,4 @@ def test_a_folder_whose_calibration_is_of_another_probe_is_refused(tmp_path: Pat
         raise click.Abort
     refused = answered("simulate", "cart", "--folder", tmp_path, "--seed", "4")
     assert refused.returncode == 78
-    assert "of a cart of --seed 3. Go on with it by --seed 3" in refused.stderr
+    assert "of a cart of --seed 3. Continue it with --seed 3" in refused.stderr

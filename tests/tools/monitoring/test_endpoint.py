@@ -195,5 +195,5 @@ def test_once_writes_no_file_and_says_so(tmp_path: Path) -> None:
 
 def test_nothing_to_do_is_refused(tmp_path: Path) -> None:
     program = run("--no-http")
-    assert "leaves nothing to do" in program.communicate(timeout=60)[1]
+    assert "needs --textfile" in program.communicate(timeout=60)[1]
     assert program.returncode == 2

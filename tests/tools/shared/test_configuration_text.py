@@ -72,7 +72,7 @@ def test_a_further_output_stands_behind_the_last_and_before_what_leads_to_the_ne
 )
 def test_a_layout_that_cannot_be_kept_is_refused_and_not_half_changed(text: str) -> None:
     answers = {("video", "url"): "v", ("output", 0, "url"): "o", ("alarm", "language"): "de"}
-    with pytest.raises(ConfigurationError, match=r"cannot be changed line by line.*--fresh"):
+    with pytest.raises(ConfigurationError, match=r"cannot be edited line by line.*--fresh"):
         changed(text, answers, FILE)
 
 

@@ -58,7 +58,7 @@ def test_the_verdict_is_a_fault_that_tells_both_names_and_the_motion_that_tells_
         "to decide: slide it sideways, 10 mm to and fro + rock it in the picture's plane, 8° each way"
     )
     assert translated_text(verdict.reason, "de").startswith(
-        "eines davon ist falsch, 2.1 nat auseinander: Maßstab lateral, Versatz"
+        "Ursache unentschieden, 2.1 nat auseinander: Maßstab lateral, Versatz"
     )
 
 

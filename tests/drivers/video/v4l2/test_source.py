@@ -222,7 +222,7 @@ def test_a_rounded_rate_is_said_and_a_silent_driver_gets_a_usual_one(driver: Dri
         assert "30 pictures per second were asked for, it gives 25" in source.describe().remarks
     driver.refuse[abi.G_PARM] = errno.ENOTTY
     with opened() as source:
-        assert any("does not tell its rate" in remark for remark in source.describe().remarks)
+        assert any("does not report its rate" in remark for remark in source.describe().remarks)
 
 
 @pytest.mark.parametrize(
