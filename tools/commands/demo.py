@@ -207,7 +207,7 @@ class PlainView(nullcontext[None]):
 
 
 class Operator:
-    """Reads the service's status once per tick, records changes, and acknowledges a halt after its fault was removed."""
+    """Reads the service's status once per tick, notes changes, and acknowledges a halt once its fault is removed."""
 
     def __init__(self, cart: SimulatedCart, director: Director, view: LiveView | PlainView, load: DemoLoad) -> None:
         self._cart, self._director, self._view, self._load = cart, director, view, load
