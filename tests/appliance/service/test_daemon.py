@@ -21,6 +21,7 @@ import numpy as np
 import pytest
 
 from appliance.service.control.server import ControlRefused
+from appliance.service.control.status_fields import STATUS
 from appliance.storage.alarm_chain import read_log
 from appliance.storage.calibration_file import image_to_probe, read_calibration, write_calibration
 from tests.support.answers import Answer, answered
@@ -40,7 +41,9 @@ def test_status_tells_everything(monitoring: SimulatedCart) -> None:
     assert status["counters"]["frames"] > 0
     assert status["lost"] == {}
     rows = re.findall(r"^\| `([a-z_]+)` \|.*\| (.*) \|$", MANUAL.read_text().split("## Status")[1], re.M)
-    assert status.keys() == {name for name, _ in rows}
+    assert status.keys() == {name for name, _ in rows} == {field.name for field in STATUS}
+    for field in STATUS:
+        assert not field.parts or list(status[field.name]) == [part.name for part in field.parts]
     assert list(status["counters"]) == re.findall(r"`([a-z_]+)`", dict(rows)["counters"])
     assert set(status["tick"]) == set(re.findall(r"`([a-z0-9_]+)`", dict(rows)["tick"]))
     assert set(status["log"]) == set(re.findall(r"`([a-z_]+)`", dict(rows)["log"]))

@@ -16,7 +16,7 @@ from appliance.supervision.alarms import HAZARDS
 from appliance.supervision.supervisor import AlarmTable
 from appliance.types import AlarmState, Fault, State
 from drivers.registry import drivers
-from tools.development import driver_pages
+from tools.development import driver_pages, status_pages
 from tools.development.evidence_pages import pages, read_figures
 from tools.development.hazards import PAGE, ROOT, found_by, hazards
 from tools.development.manual import MANUAL, drawings, manual, profiles
@@ -61,6 +61,15 @@ def test_the_tables_of_the_drivers_are_those_of_their_descriptors() -> None:
     assert driver_pages.page("<!-- drivers: video -->\nold\n<!-- /drivers -->\n").count("v4l2:") == 1
     with pytest.raises(KeyError):
         driver_pages.page("<!-- drivers: options nobody -->\n<!-- /drivers -->\n")
+
+
+def test_the_tables_of_the_status_are_those_of_its_rows() -> None:
+    for file, text in status_pages.written().items():
+        assert file.read_text(encoding="utf-8") == text, f"{file}: run make docs"
+        assert status_pages.blocks(text)
+    assert "outdated" not in status_pages.page("<!-- status: fields -->\noutdated\n<!-- /status -->\n")
+    with pytest.raises(KeyError):
+        status_pages.page("<!-- status: nobody -->\n<!-- /status -->\n")
 
 
 def test_the_page_that_a_driver_names_has_a_row_for_each_of_its_options() -> None:

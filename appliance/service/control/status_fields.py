@@ -1,0 +1,232 @@
+"""What the status consists of: one row for each field. Pure.
+
+`service_status.py` gives each field its value. The table of docs/control.md is made of the rows. Tested against a
+running service in tests/appliance/service/test_daemon.py.
+"""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """One field. type, meaning: as docs/control.md has them. parts: the fields inside an object, which have no type of
+    their own there and whose meaning follows their name.
+    """
+
+    name: str
+    type: str = ""
+    meaning: str = ""
+    parts: tuple["Field", ...] = ()
+
+
+STATUS = (
+    Field("t_ns", "number", "CLOCK_MONOTONIC of the tick that all of this describes, ns"),
+    Field("state", "string", "as in [alarms.md](alarms.md)"),
+    Field(
+        "text",
+        "string",
+        "what is wrong, for the operator, in the configured language; while monitoring, whether it rests on "
+        "earlier motion",
+    ),
+    Field("remedy", "string", "what to do"),
+    Field(
+        "recalibration",
+        "object or null",
+        "who recalibrates: `who` (user and process), `yours` (bool: the process that asks), `since_s`, "
+        "`hold_s` (longest silence; null: tied to no connection), `silent_s`, `ended` (null, or why the "
+        "service gave it up, until it monitors again)",
+    ),
+    Field(
+        "language",
+        "string",
+        "en or de: of `text`, `remedy` and `notices`; everything else is English",
+    ),
+    Field("fault", "string or null", "class of the hazard that caused the state"),
+    Field("reason", "string", "why, in one sentence"),
+    Field("priority", "string", "high, medium, low, none"),
+    Field("lamp", "string", "red, yellow, cyan, green"),
+    Field("energised", "bool", "the contact is closed: the calibration is verified"),
+    Field("latched", "string or null", "state that holds until acknowledged and verified again"),
+    Field("acknowledged", "bool", "a person has acknowledged it"),
+    Field("notices", "strings", "what needs attention but no alarm"),
+    Field("since_s", "number", "age of the state"),
+    Field(
+        "verification_age_s",
+        "number or null",
+        "age of the oldest motion that the verification rests on; null: not verified now",
+    ),
+    Field("software", "string", "version of probewatch"),
+    Field("configuration", "object", "the configuration in force: `file`, `sha256`"),
+    Field(
+        "noise",
+        "object or null",
+        "origin of the threshold of a name ([noise.md](noise.md)), null for the default: `file`, `sha256`, "
+        "`named_nats`, `hours`, `recordings`, `learned_utc`, `software`",
+    ),
+    Field(
+        "reference",
+        "object or null",
+        "the calibration in force: `number` in the history, `origin` (configuration, recalibration, went "
+        "back to N), `utc` (since), `software` (version that took it), `file` (where it lay), `sha256`, "
+        "`image_size_px`, `probe`, `simulated`, `difference` (from the one before), `who`, `to_show` (checks "
+        "that its first OK needs), `verified_utc` (null: not yet), `relative_pose` (16 numbers by rows, "
+        "second marker body → first, mm; null: not known), `image_to_probe` (4 × 4, rows: pixel → mm in the "
+        "frame of the marker body, as PLUS has it), `polarity` (±1 for lateral, axial: mirrored axes of the "
+        "picture, which the matrix does not show)",
+    ),
+    Field(
+        "reference_due_utc",
+        "string or null",
+        "when the reference is to be checked again: `[calibration] due_days` after it came in force, or the "
+        "day that its file states, whichever is first; null: nobody asked for that",
+    ),
+    Field("reference_expires_utc", "string or null", "when it expires by its file"),
+    Field(
+        "reference_overdue",
+        "string or null",
+        "which of these dates has passed, or why that is not known; null: none has",
+    ),
+    Field(
+        "reference_waits",
+        "string or null",
+        "why there is no reference yet, or why it cannot be verified, such as a full disk",
+    ),
+    Field(
+        "calibration_changed",
+        "string or null",
+        "the configured calibration file was edited or renamed and is not in force",
+    ),
+    Field(
+        "simulated",
+        "strings",
+        "URLs of sources that are not real devices; with any, `text` begins with SIMULATED",
+    ),
+    Field("verdict", "string or null", "OK, FAULT, NOT_VERIFIED: the latest"),
+    Field(
+        "missing",
+        "strings",
+        "parameters that the contact needs and that motion has not shown since the last disturbance, or too long ago",
+    ),
+    Field(
+        "gesture",
+        "strings",
+        "the shortest motion that shows them, or distinguishes `rivals`, in the configured language",
+    ),
+    Field(
+        "checks",
+        "list",
+        "`name`, `fault`, `value`, `sigma`, `unit`, `limit`, `ratio` (1 is the limit), `verdict` (of a "
+        "window of up to 30 s), `shown_age_s` (age of the motion that showed it; null: none), `max_age_s` "
+        "(how old that may be, `[limits.required_age_s]` plus the rest of the probe; null: not required), "
+        "`shown` (`verified`: by motion of the last 10 s; `carried`: by earlier motion that is still valid; "
+        "`missing`; null: not required), `carried` (bool)",
+    ),
+    Field("devices", "list", "the same of the device watchers"),
+    Field(
+        "point",
+        "object or null",
+        "how far what the picture shows may be from its true place, mm, as pairs of bounds for 95 % and 99.7 "
+        "%: `worst_mm`, `median_mm` over the region; `depth_mm` of `[limits] point_depth_mm` and "
+        "`at_depth_mm`, null where none is named; `shown_age_s`, age of the oldest motion. Null while a "
+        "parameter was not observed, polarity or latency is not in order, something contradicts the "
+        "calibration, or the hand's speed is not known",
+    ),
+    Field(
+        "limits",
+        "object",
+        "in force: `profile` (coarse, clinical, fine; [profiles.md](profiles.md)) and `beside`, the keys of "
+        "`[limits]` that differ from it; null there: off",
+    ),
+    Field("point_limit_mm", "number or null", "limit of `worst_mm` at 99.7 %, `[limits] point_mm`"),
+    Field(
+        "rivals",
+        "list",
+        "what may be wrong where motion does not tell which, the likeliest first: the keys of `checks`, and "
+        "`behind_nats`, log likelihood behind the first",
+    ),
+    Field(
+        "proposal",
+        "object or null",
+        "what the calibration has become since it was last verified; nothing is applied. `text`; `values`, "
+        "each with `name`, `was`, `now`, `sigma`, `unit`; `steps` (`set-latency`, `take-x`, `recalibrate`); "
+        "`image_to_probe` (4 × 4, null where motion does not recover it)",
+    ),
+    Field(
+        "audio",
+        "object",
+        "`mode` (on, paused, acknowledged, off), `left_s`, `reason`, `lamp_test`",
+    ),
+    Field(
+        "outputs",
+        "list",
+        "`url`, `signal`, `energised` (null: lost), `writes`, `slowest_ms` (from verdict to completed "
+        "write), `delays` (histogram of these)",
+    ),
+    Field(
+        "log",
+        "object",
+        "alarm log",
+        parts=(
+            Field("entries", meaning=" on the disk"),
+            Field("waiting"),
+            Field("dropped"),
+            Field("failing", meaning=" (why it cannot be written, or null)"),
+            Field("free_bytes", meaning=" (on its disk)"),
+        ),
+    ),
+    Field("lost", "object", "device → what is wrong"),
+    Field("losses", "object", "video, tracker, output → how often lost since the start"),
+    Field("alarms", "object", "hazard → how often since the start it caused the state or a notice"),
+    Field(
+        "estimator",
+        "string or null",
+        "how its process ended last, and which restart followed; null: it never ended",
+    ),
+    Field(
+        "feed",
+        "object",
+        "the [feed](feed.md), since the start of the estimator: `refused` (why there is none, or null), "
+        "`clients`, `lost` (samples that a client missed), `dropped` (clients)",
+    ),
+    Field("remarks", "strings", "what the tracker says besides its poses"),
+    Field("fps", "object", "`video`, `tracker`: per second"),
+    Field(
+        "tick",
+        "object",
+        "intervals of the tick: `median_ms`, `p99_ms`, `longest_ms` of the last minute, `histogram` since the start",
+    ),
+    Field(
+        "load",
+        "object",
+        "",
+        parts=(
+            Field(
+                "pressure",
+                meaning=" (share of the last second in which some program waited for processor or memory, "
+                "null: not known)",
+            ),
+            Field("late", meaning=" (share by which ticks were late)"),
+            Field("waiting_frames", meaning=" (pictures not yet taken by the estimator)"),
+            Field("overloaded_s", meaning=" (since when, null: it is not)"),
+        ),
+    ),
+    Field(
+        "counters",
+        "object",
+        "since the start",
+        parts=(
+            Field("uptime_s"),
+            Field("frames"),
+            Field("poses"),
+            Field("frame_gaps"),
+            Field("early_stamps", meaning=" (refused: stamped later than they arrived)"),
+            Field("dropped_frames"),
+            Field("dropped_poses"),
+            Field("output_writes"),
+            Field("device_losses"),
+            Field("estimator_restarts"),
+            Field("dropped_clients"),
+            Field("late_ticks"),
+        ),
+    ),
+)

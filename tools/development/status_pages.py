@@ -1,0 +1,42 @@
+"""What is made of the rows of the status: the table of docs/control.md, between two marks.
+`python -m tools.development.manual` writes it.
+"""
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+from appliance.service.control.status_fields import STATUS, Field
+from tools.development.markdown import table
+
+_DOCS = Path(__file__).parents[2] / "docs"
+PAGES = (_DOCS / "control.md",)
+_BLOCK = re.compile(r"(?P<begin><!-- status: (?P<name>[a-z]+) -->\n).*?(?P<end><!-- /status -->)", re.S)
+
+
+def page(text: str) -> str:
+    """The page with each of its blocks made anew. Raises KeyError for a block that nobody makes."""
+    return _BLOCK.sub(lambda found: f"{found['begin']}{_BLOCKS[found['name']]()}{found['end']}", text)
+
+
+def blocks(text: str) -> list[str]:
+    """Names of the blocks of a page."""
+    return [found["name"] for found in _BLOCK.finditer(text)]
+
+
+def _fields() -> str:
+    """The table ends with one line break: the end mark stands right below it."""
+    return "\n".join(table(("field", "type", "meaning"), [(f"`{one.name}`", one.type, _told(one)) for one in STATUS]))
+
+
+def _told(field: Field) -> str:
+    parts = ", ".join(f"`{part.name}`{part.meaning}" for part in field.parts)
+    return ": ".join(filter(None, (field.meaning, parts)))
+
+
+_BLOCKS: dict[str, Callable[[], str]] = {"fields": _fields}
+
+
+def written() -> dict[Path, str]:
+    """Path and content of each page."""
+    return {file: page(file.read_text(encoding="utf-8")) for file in PAGES}
