@@ -1,16 +1,16 @@
-"""What is made of the rows of the status: the table of docs/control.md, between two marks.
-`python -m tools.development.manual` writes it.
+"""What is made of the rows of the status: tables of docs/control.md and docs/monitoring.md, each between two marks.
+`python -m tools.development.manual` writes them.
 """
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from appliance.service.control.status_fields import STATUS, Field
+from appliance.service.control.status_fields import STATUS, Field, Kind
 from tools.development.markdown import table
 
 _DOCS = Path(__file__).parents[2] / "docs"
-PAGES = (_DOCS / "control.md",)
+PAGES = (_DOCS / "control.md", _DOCS / "monitoring.md")
 _BLOCK = re.compile(r"(?P<begin><!-- status: (?P<name>[a-z]+) -->\n).*?(?P<end><!-- /status -->)", re.S)
 
 
@@ -34,7 +34,23 @@ def _told(field: Field) -> str:
     return ": ".join(filter(None, (field.meaning, parts)))
 
 
-_BLOCKS: dict[str, Callable[[], str]] = {"fields": _fields}
+def _metrics() -> str:
+    rows = [row for field in STATUS for row in (*_metric(field, ""), *_metrics_of_parts(field))]
+    return "\n".join(table(("metric", "field", "meaning"), rows))
+
+
+def _metrics_of_parts(field: Field) -> Iterator[tuple[str, str, str]]:
+    return (row for part in field.parts for row in _metric(part, f"{field.name}."))
+
+
+def _metric(field: Field, inside: str) -> Iterator[tuple[str, str, str]]:
+    """inside: of which object it is a part, with a full stop."""
+    if (metric := field.metric) is not None:
+        name = f"probewatch_{metric.name}{'_total' if metric.kind is Kind.COUNTER else ''}"
+        yield f"`{name}`", f"`{inside}{field.name}`", f"{metric.help[0].lower()}{metric.help[1:]}"
+
+
+_BLOCKS: dict[str, Callable[[], str]] = {"fields": _fields, "metrics": _metrics}
 
 
 def written() -> dict[Path, str]:

@@ -1,4 +1,5 @@
-"""The status of a service as Prometheus metrics. docs/monitoring.md lists them.
+"""The status of a service as Prometheus metrics. docs/monitoring.md lists them. Those made of one field are in its row,
+`appliance/service/control/status_fields.py`; those of several, or with labels, are here.
 
 Base units, counters end in _total. What is not known is not there: a metric that is missing says nothing, and none is
 ever older than the status it is made of. `probewatch_contact_closed` is 1 only if the state allows it and every output
@@ -18,6 +19,8 @@ from prometheus_client.core import (
     Metric,
 )
 
+from appliance.service.control.status_fields import STATUS, Field, Kind
+from appliance.service.control.status_fields import Metric as Row
 from appliance.supervision.alarms import HAZARDS
 from appliance.supervision.annunciator import Role
 from appliance.types import PARAMETERS, POINT_LEVELS, State
@@ -49,8 +52,8 @@ def families(status: Status, now_s: float) -> list[Metric]:
 
     now_s: when it was asked, s since 1970.
     """
-    parts = (_state, _checks, _point, _samples, _outputs, _losses, _host, _log, _reference)
-    found = [metric for part in parts for metric in part(status)]
+    parts = (_state, _checks, _point, _samples, _outputs, _losses, _host, _reference)
+    found = [*(metric for part in parts for metric in part(status)), *_of_one_field(STATUS, status)]
     return [_up(1), _gauge("exposition_timestamp_seconds", "When this was asked, since 1970", now_s), *found]
 
 
@@ -96,6 +99,25 @@ def _observe(metric: HistogramMetricFamily, labels: Sequence[str], delays: Statu
     metric.add_metric(labels, list(zip(bounds, counts, strict=True)), float(delays["sum_ms"]) / 1e3)
 
 
+def _of_one_field(fields: Sequence[Field], holder: Status) -> Iterator[Metric]:
+    """What the rows of the status say of a field by itself. holder: the status, or the object that has these parts."""
+    for field in fields:
+        if field.later and field.name not in holder:
+            continue
+        if field.parts:
+            yield from _of_one_field(field.parts, holder[field.name])
+        if field.metric is not None:
+            yield _made(field.metric, holder[field.name])
+
+
+def _made(row: Row, value: Any) -> Metric:
+    """value: of the row's field."""
+    if row.kind is Kind.COUNTER:
+        return _counter(row.name, row.help, value)
+    flags = {Kind.TRUE: bool(value), Kind.GIVEN: value is not None}
+    return _gauge(row.name, row.help, flags.get(row.kind, value))
+
+
 def _state(status: Status) -> Iterator[Metric]:
     version = {"version": str(status["software"]), "configuration_sha256": str(status["configuration"]["sha256"])}
     yield InfoMetricFamily("probewatch", "Version and configuration in force", value=version)
@@ -104,18 +126,11 @@ def _state(status: Status) -> Iterator[Metric]:
         yield InfoMetricFamily(
             "probewatch_limits", "Limits in force, and what is not as their profile has it", value=told
         )
-    yield _gauge("simulated", "1: some source is not a real device", bool(status["simulated"]))
-    yield _gauge("uptime_seconds", "Since the start of the service", status["counters"]["uptime_s"])
     states = {state.value: float(state.value == status["state"]) for state in State}
     yield _gauges("state", "1 for the state in force, 0 for the others", "state", states)
-    yield _gauge("state_age_seconds", "Since when it has been in force", status["since_s"])
     causes = {hazard.value: float(hazard.value == status["fault"]) for hazard in HAZARDS}
     yield _gauges("state_cause", "1 for the hazard that caused the state", "hazard", causes)
     yield _gauge("contact_closed", "1: verified, and the contact has been closed", contact_closed(status))
-    yield _gauge("latched", "1: a halt holds until a person has acknowledged it", status["latched"] is not None)
-    yield _gauge("acknowledged", "1: a person has acknowledged the alarm", bool(status["acknowledged"]))
-    age_s = status["verification_age_s"]
-    yield _gauge("verification_age_seconds", "Age of the motion that the verification rests on", age_s)
     alarms = {hazard.value: status["alarms"].get(hazard.value, 0) for hazard in HAZARDS}
     yield _counters("alarms", "How often a hazard came to cause the state, or to be a notice", "hazard", alarms)
 
@@ -170,8 +185,6 @@ def _samples(status: Status) -> Iterator[Metric]:
     yield _counters("samples", "Pictures and poses taken", "source", taken)
     dropped = {"video": counters["dropped_frames"], "tracker": counters["dropped_poses"]}
     yield _counters("dropped_samples", "Taken, and dropped before they were judged", "source", dropped)
-    yield _counter("frame_gaps", "Pictures counted by the device that never arrived", counters["frame_gaps"])
-    yield _counter("early_stamps", "Samples refused, stamped later than they arrived", counters["early_stamps"])
 
 
 def _outputs(status: Status) -> Iterator[Metric]:
@@ -195,37 +208,16 @@ def _losses(status: Status) -> Iterator[Metric]:
     yield _gauges("device_lost", "1: a device of that kind is lost now", "device", now)
     losses = {name: status["losses"].get(name, 0) for name in _DEVICES}
     yield _counters("device_losses", "How often a device of that kind was lost", "device", losses)
-    restarts = status["counters"]["estimator_restarts"]
-    yield _counter("estimator_restarts", "Processes that compute, started after the first", restarts)
 
 
 def _host(status: Status) -> Iterator[Metric]:
-    tick, load, counters = status["tick"], status["load"], status["counters"]
     intervals = _histogram("tick_interval_seconds", "From one tick to the next; due after 0.05", [])
-    _observe(intervals, [], tick["histogram"])
+    _observe(intervals, [], status["tick"]["histogram"])
     yield intervals
-    yield _counter("late_ticks", "Ticks that came more than half a period late", counters["late_ticks"])
-    yield _gauge("late_ratio", "Share by which ticks of the last second were late", load["late"])
-    yield _gauge("pressure_ratio", "Share of the last second in which a program had to wait", load["pressure"])
-    yield _gauge("waiting_frames", "Pictures that wait to be judged", load["waiting_frames"])
-    yield _gauge("overloaded", "1: this computer is too short of time", load["overloaded_s"] is not None)
-    yield _counter("dropped_clients", "Clients of the control socket, dropped", counters["dropped_clients"])
-
-
-def _log(status: Status) -> Iterator[Metric]:
-    log = status["log"]
-    yield _gauge("log_last_entry", "Number of the last entry of the alarm log on the disk", log["entries"])
-    yield _gauge("log_waiting_entries", "Entries of the alarm log that are not on the disk yet", log["waiting"])
-    yield _counter("log_dropped_entries", "Entries of the alarm log that no memory was left for", log["dropped"])
-    yield _gauge("log_failing", "1: the alarm log cannot be written", log["failing"] is not None)
-    yield _gauge("log_disk_free_bytes", "Room on the disk of the alarm log", log["free_bytes"])
 
 
 def _reference(status: Status) -> Iterator[Metric]:
     reference = status["reference"]
-    yield _gauge("reference_waits", "1: there is no reference that may be verified", _given(status, "reference_waits"))
-    changed = _given(status, "calibration_changed")
-    yield _gauge("calibration_file_changed", "1: the configured calibration file is not in force", changed)
     if reference is None:
         return
     named = {name: str(reference[name]) for name in ("number", "sha256", "origin")}
@@ -235,10 +227,6 @@ def _reference(status: Status) -> Iterator[Metric]:
     yield _time("reference_verified_timestamp_seconds", verified, reference["verified_utc"])
     due = "When it is to be checked again, since 1970"
     yield _time("reference_due_timestamp_seconds", due, status["reference_due_utc"])
-
-
-def _given(status: Status, key: str) -> bool:
-    return status[key] is not None
 
 
 def _time(name: str, what: str, utc: str | None) -> Metric:

@@ -1,22 +1,44 @@
 """What the status consists of: one row for each field. Pure.
 
-`service_status.py` gives each field its value. The table of docs/control.md is made of the rows. Tested against a
-running service in tests/appliance/service/test_daemon.py.
+`service_status.py` gives each field its value. Of the rows are made the table of docs/control.md, the metrics of one
+field and their table in docs/monitoring.md. Tested against a running service in tests/appliance/service/test_daemon.py.
 """
 
 from dataclasses import dataclass
+from enum import Enum
+
+
+class Kind(Enum):
+    """What a metric makes of the value of its field."""
+
+    GAUGE = "the number; left out while it is null"
+    COUNTER = "the number, which only rises"
+    TRUE = "1: it is true, or there are some; 0: not"
+    GIVEN = "1: it is not null; 0: it is"
+
+
+@dataclass(frozen=True, slots=True)
+class Metric:
+    """A metric made of one field. name: without probewatch_ and _total. help: for Prometheus and docs/monitoring.md."""
+
+    name: str
+    kind: Kind
+    help: str
 
 
 @dataclass(frozen=True, slots=True)
 class Field:
     """One field. type, meaning: as docs/control.md has them. parts: the fields inside an object, which have no type of
-    their own there and whose meaning follows their name.
+    their own there and whose meaning follows their name. later: a service of an earlier version does not have it, so
+    that readers leave it out instead of calling the whole status unknown.
     """
 
     name: str
     type: str = ""
     meaning: str = ""
     parts: tuple["Field", ...] = ()
+    metric: Metric | None = None
+    later: bool = False
 
 
 STATUS = (
@@ -46,14 +68,30 @@ STATUS = (
     Field("priority", "string", "high, medium, low, none"),
     Field("lamp", "string", "red, yellow, cyan, green"),
     Field("energised", "bool", "the contact is closed: the calibration is verified"),
-    Field("latched", "string or null", "state that holds until acknowledged and verified again"),
-    Field("acknowledged", "bool", "a person has acknowledged it"),
+    Field(
+        "latched",
+        "string or null",
+        "state that holds until acknowledged and verified again",
+        metric=Metric("latched", Kind.GIVEN, "1: a halt holds until a person has acknowledged it"),
+    ),
+    Field(
+        "acknowledged",
+        "bool",
+        "a person has acknowledged it",
+        metric=Metric("acknowledged", Kind.TRUE, "1: a person has acknowledged the alarm"),
+    ),
     Field("notices", "strings", "what needs attention but no alarm"),
-    Field("since_s", "number", "age of the state"),
+    Field(
+        "since_s",
+        "number",
+        "age of the state",
+        metric=Metric("state_age_seconds", Kind.GAUGE, "Since when it has been in force"),
+    ),
     Field(
         "verification_age_s",
         "number or null",
         "age of the oldest motion that the verification rests on; null: not verified now",
+        metric=Metric("verification_age_seconds", Kind.GAUGE, "Age of the motion that the verification rests on"),
     ),
     Field("software", "string", "version of probewatch"),
     Field("configuration", "object", "the configuration in force: `file`, `sha256`"),
@@ -90,16 +128,19 @@ STATUS = (
         "reference_waits",
         "string or null",
         "why there is no reference yet, or why it cannot be verified, such as a full disk",
+        metric=Metric("reference_waits", Kind.GIVEN, "1: there is no reference that may be verified"),
     ),
     Field(
         "calibration_changed",
         "string or null",
         "the configured calibration file was edited or renamed and is not in force",
+        metric=Metric("calibration_file_changed", Kind.GIVEN, "1: the configured calibration file is not in force"),
     ),
     Field(
         "simulated",
         "strings",
         "URLs of sources that are not real devices; with any, `text` begins with SIMULATED",
+        metric=Metric("simulated", Kind.TRUE, "1: some source is not a real device"),
     ),
     Field("verdict", "string or null", "OK, FAULT, NOT_VERIFIED: the latest"),
     Field(
@@ -136,6 +177,7 @@ STATUS = (
         "object",
         "in force: `profile` (coarse, clinical, fine; [profiles.md](profiles.md)) and `beside`, the keys of "
         "`[limits]` that differ from it; null there: off",
+        later=True,
     ),
     Field("point_limit_mm", "number or null", "limit of `worst_mm` at 99.7 %, `[limits] point_mm`"),
     Field(
@@ -167,11 +209,33 @@ STATUS = (
         "object",
         "alarm log",
         parts=(
-            Field("entries", meaning=" on the disk"),
-            Field("waiting"),
-            Field("dropped"),
-            Field("failing", meaning=" (why it cannot be written, or null)"),
-            Field("free_bytes", meaning=" (on its disk)"),
+            Field(
+                "entries",
+                meaning=" on the disk",
+                metric=Metric("log_last_entry", Kind.GAUGE, "Number of the last entry of the alarm log on the disk"),
+            ),
+            Field(
+                "waiting",
+                metric=Metric(
+                    "log_waiting_entries", Kind.GAUGE, "Entries of the alarm log that are not on the disk yet"
+                ),
+            ),
+            Field(
+                "dropped",
+                metric=Metric(
+                    "log_dropped_entries", Kind.COUNTER, "Entries of the alarm log that no memory was left for"
+                ),
+            ),
+            Field(
+                "failing",
+                meaning=" (why it cannot be written, or null)",
+                metric=Metric("log_failing", Kind.GIVEN, "1: the alarm log cannot be written"),
+            ),
+            Field(
+                "free_bytes",
+                meaning=" (on its disk)",
+                metric=Metric("log_disk_free_bytes", Kind.GAUGE, "Room on the disk of the alarm log"),
+            ),
         ),
     ),
     Field("lost", "object", "device → what is wrong"),
@@ -204,10 +268,23 @@ STATUS = (
                 "pressure",
                 meaning=" (share of the last second in which some program waited for processor or memory, "
                 "null: not known)",
+                metric=Metric("pressure_ratio", Kind.GAUGE, "Share of the last second in which a program had to wait"),
             ),
-            Field("late", meaning=" (share by which ticks were late)"),
-            Field("waiting_frames", meaning=" (pictures not yet taken by the estimator)"),
-            Field("overloaded_s", meaning=" (since when, null: it is not)"),
+            Field(
+                "late",
+                meaning=" (share by which ticks were late)",
+                metric=Metric("late_ratio", Kind.GAUGE, "Share by which ticks of the last second were late"),
+            ),
+            Field(
+                "waiting_frames",
+                meaning=" (pictures not yet taken by the estimator)",
+                metric=Metric("waiting_frames", Kind.GAUGE, "Pictures that wait to be judged"),
+            ),
+            Field(
+                "overloaded_s",
+                meaning=" (since when, null: it is not)",
+                metric=Metric("overloaded", Kind.GIVEN, "1: this computer is too short of time"),
+            ),
         ),
     ),
     Field(
@@ -215,18 +292,37 @@ STATUS = (
         "object",
         "since the start",
         parts=(
-            Field("uptime_s"),
+            Field(
+                "uptime_s",
+                metric=Metric("uptime_seconds", Kind.GAUGE, "Since the start of the service"),
+            ),
             Field("frames"),
             Field("poses"),
-            Field("frame_gaps"),
-            Field("early_stamps", meaning=" (refused: stamped later than they arrived)"),
+            Field(
+                "frame_gaps",
+                metric=Metric("frame_gaps", Kind.COUNTER, "Pictures that the device counted and nobody saw"),
+            ),
+            Field(
+                "early_stamps",
+                meaning=" (refused: stamped later than they arrived)",
+                metric=Metric("early_stamps", Kind.COUNTER, "Samples refused, stamped later than they arrived"),
+            ),
             Field("dropped_frames"),
             Field("dropped_poses"),
             Field("output_writes"),
             Field("device_losses"),
-            Field("estimator_restarts"),
-            Field("dropped_clients"),
-            Field("late_ticks"),
+            Field(
+                "estimator_restarts",
+                metric=Metric("estimator_restarts", Kind.COUNTER, "Processes that compute, started after the first"),
+            ),
+            Field(
+                "dropped_clients",
+                metric=Metric("dropped_clients", Kind.COUNTER, "Clients of the control socket, dropped"),
+            ),
+            Field(
+                "late_ticks",
+                metric=Metric("late_ticks", Kind.COUNTER, "Ticks that came more than half a period late"),
+            ),
         ),
     ),
 )

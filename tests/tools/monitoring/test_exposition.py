@@ -10,9 +10,10 @@ from hypothesis import strategies as st
 from prometheus_client import CollectorRegistry
 from prometheus_client.parser import text_string_to_metric_families
 
+from appliance.service.control.status_fields import Field, Kind, Metric
 from appliance.supervision.alarms import HAZARDS
 from tests.support.answering import Answering, recorded
-from tools.monitoring import reading
+from tools.monitoring import exposition, reading
 from tools.monitoring.exposition import SHOWN
 from tools.monitoring.reading import Exposition, found
 
@@ -158,6 +159,36 @@ def test_a_status_of_another_version_never_looks_half_well(key: str, other: obje
     assert len(seen) == 2 if value(seen, "up") == 0 else len(seen) > 50
     if key in ("energised", "outputs") and (missing or not other):
         assert value(seen, "contact_closed") in (None, 0)
+
+
+@pytest.mark.parametrize(("later", "up"), [(True, 1), (False, 0)])
+def test_only_a_field_that_was_added_later_may_be_missing(
+    later: bool, up: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    metric = Metric("shelf_meters", Kind.GAUGE, "Height of the cart's shelf")
+    monkeypatch.setattr(exposition, "STATUS", (Field("shelf_m", "number", "height", metric=metric, later=later),))
+    assert value(of(recorded()), "up") == up
+    assert value(of(recorded()), "shelf_meters") is None
+    assert value(of(recorded(shelf_m=1.2)), "shelf_meters") == 1.2
+
+
+@pytest.mark.parametrize(
+    ("kind", "told", "name", "expected"),
+    [
+        (Kind.GAUGE, None, "x", None),
+        (Kind.COUNTER, 3, "x_total", 3),
+        (Kind.TRUE, [], "x", 0),
+        (Kind.TRUE, ["a"], "x", 1),
+        (Kind.GIVEN, None, "x", 0),
+        (Kind.GIVEN, 0.0, "x", 1),
+    ],
+)
+def test_what_each_kind_of_metric_makes_of_its_field(
+    kind: Kind, told: object, name: str, expected: float | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rows = (Field("whole", "object", parts=(Field("part", metric=Metric("x", kind, "An example")),)),)
+    monkeypatch.setattr(exposition, "STATUS", rows)
+    assert value(of(recorded(whole={"part": told})), name) == expected
 
 
 def test_a_service_that_is_away_or_silent_or_no_service(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
