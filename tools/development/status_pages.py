@@ -1,4 +1,4 @@
-"""What is made of the rows of the status: tables of docs/control.md and docs/monitoring.md, each between two marks.
+"""What is made of the rows of the status: what docs/control.md and docs/monitoring.md list, each between two marks.
 `python -m tools.development.manual` writes them.
 """
 
@@ -50,7 +50,11 @@ def _metric(field: Field, inside: str) -> Iterator[tuple[str, str, str]]:
         yield f"`{name}`", f"`{inside}{field.name}`", f"{metric.help[0].lower()}{metric.help[1:]}"
 
 
-_BLOCKS: dict[str, Callable[[], str]] = {"fields": _fields, "metrics": _metrics}
+def _mqtt() -> str:
+    return ", ".join(f"`{field.name}`" for field in STATUS if field.mqtt) + "\n"
+
+
+_BLOCKS: dict[str, Callable[[], str]] = {"fields": _fields, "metrics": _metrics, "mqtt": _mqtt}
 
 
 def written() -> dict[Path, str]:

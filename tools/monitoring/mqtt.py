@@ -20,6 +20,7 @@ from urllib.parse import urlsplit
 from paho.mqtt.client import Client
 from paho.mqtt.enums import CallbackAPIVersion, MQTTErrorCode
 
+from appliance.service.control.status_fields import STATUS
 from drivers.errors import ConfigurationError, system_words
 from drivers.printable import printable
 from tools.monitoring.exposition import Status, contact_closed
@@ -52,6 +53,8 @@ _IN_THE_CLEAR = ("WRONG_VERSION_NUMBER", "UNEXPECTED_EOF_WHILE_READING")
 """Reasons of OpenSSL where the other side does not speak TLS."""
 _OTHERS = stat.S_IROTH | stat.S_IWOTH
 _LOCAL = ("localhost", "127.0.0.1", "::1")
+
+_AS_IT_IS = tuple(field for field in STATUS if field.mqtt)
 
 Say = Callable[[str], None]
 
@@ -134,11 +137,10 @@ def _message_of(status: Status) -> dict[str, Any]:
         "up": True,
         "verified": contact_closed(status),
         "alarm": status["priority"] in ("high", "medium"),
-        **{name: status[name] for name in ("state", "text", "remedy", "fault", "priority", "notices", "software")},
+        **{field.name: status[field.name] for field in _AS_IT_IS if not field.later or field.name in status},
         "lost": sorted(status["lost"]),
         "simulated": bool(status["simulated"]),
         "reference": None if reference is None else {name: reference[name] for name in ("number", "sha256", "utc")},
-        "reference_due_utc": status["reference_due_utc"],
     }
 
 

@@ -1,7 +1,8 @@
 """What the status consists of: one row for each field. Pure.
 
 `service_status.py` gives each field its value. Of the rows are made the table of docs/control.md, the metrics of one
-field and their table in docs/monitoring.md. Tested against a running service in tests/appliance/service/test_daemon.py.
+field, what MQTT publishes as it is, and the lists of both in docs/monitoring.md. Tested against a running service in
+tests/appliance/service/test_daemon.py.
 """
 
 from dataclasses import dataclass
@@ -29,8 +30,8 @@ class Metric:
 @dataclass(frozen=True, slots=True)
 class Field:
     """One field. type, meaning: as docs/control.md has them. parts: the fields inside an object, which have no type of
-    their own there and whose meaning follows their name. later: a service of an earlier version does not have it, so
-    that readers leave it out instead of calling the whole status unknown.
+    their own there and whose meaning follows their name. mqtt: published as it is; not of parts. later: a service of an
+    earlier version does not have it, so that readers leave it out instead of calling the whole status unknown.
     """
 
     name: str
@@ -38,19 +39,21 @@ class Field:
     meaning: str = ""
     parts: tuple["Field", ...] = ()
     metric: Metric | None = None
+    mqtt: bool = False
     later: bool = False
 
 
 STATUS = (
     Field("t_ns", "number", "CLOCK_MONOTONIC of the tick that all of this describes, ns"),
-    Field("state", "string", "as in [alarms.md](alarms.md)"),
+    Field("state", "string", "as in [alarms.md](alarms.md)", mqtt=True),
     Field(
         "text",
         "string",
         "what is wrong, for the operator, in the configured language; while monitoring, whether it rests on "
         "earlier motion",
+        mqtt=True,
     ),
-    Field("remedy", "string", "what to do"),
+    Field("remedy", "string", "what to do", mqtt=True),
     Field(
         "recalibration",
         "object or null",
@@ -63,9 +66,9 @@ STATUS = (
         "string",
         "en or de: of `text`, `remedy` and `notices`; everything else is English",
     ),
-    Field("fault", "string or null", "class of the hazard that caused the state"),
+    Field("fault", "string or null", "class of the hazard that caused the state", mqtt=True),
     Field("reason", "string", "why, in one sentence"),
-    Field("priority", "string", "high, medium, low, none"),
+    Field("priority", "string", "high, medium, low, none", mqtt=True),
     Field("lamp", "string", "red, yellow, cyan, green"),
     Field("energised", "bool", "the contact is closed: the calibration is verified"),
     Field(
@@ -80,7 +83,7 @@ STATUS = (
         "a person has acknowledged it",
         metric=Metric("acknowledged", Kind.TRUE, "1: a person has acknowledged the alarm"),
     ),
-    Field("notices", "strings", "what needs attention but no alarm"),
+    Field("notices", "strings", "what needs attention but no alarm", mqtt=True),
     Field(
         "since_s",
         "number",
@@ -93,7 +96,7 @@ STATUS = (
         "age of the oldest motion that the verification rests on; null: not verified now",
         metric=Metric("verification_age_seconds", Kind.GAUGE, "Age of the motion that the verification rests on"),
     ),
-    Field("software", "string", "version of probewatch"),
+    Field("software", "string", "version of probewatch", mqtt=True),
     Field("configuration", "object", "the configuration in force: `file`, `sha256`"),
     Field(
         "noise",
@@ -117,6 +120,7 @@ STATUS = (
         "string or null",
         "when the reference is to be checked again: `[calibration] due_days` after it came in force, or the "
         "day that its file states, whichever is first; null: nobody asked for that",
+        mqtt=True,
     ),
     Field("reference_expires_utc", "string or null", "when it expires by its file"),
     Field(

@@ -126,6 +126,14 @@ def told_entities(reader: Reader) -> list[dict[str, object]]:
     return [json.loads(text) for topic, text in tuple(reader.seen.items()) if topic.startswith("homeassistant/")]
 
 
+def test_every_name_that_subscribers_rely_on_is_published() -> None:
+    """Names are added, never removed: a dashboard of somebody's own reads them."""
+    computed = {"up", "verified", "alarm", "lost", "simulated", "reference"}
+    as_they_are = {"state", "text", "remedy", "fault", "priority", "notices", "software", "reference_due_utc"}
+    assert computed | as_they_are <= message(recorded()).keys()
+    assert message({name: told for name, told in recorded().items() if name != "text"}) == message(None)
+
+
 @pytest.mark.thorough
 @needs_mosquitto
 def test_who_comes_later_knows_the_state_and_who_looks_on_learns_of_the_end(service: Answering, tmp_path: Path) -> None:
