@@ -5,7 +5,7 @@ in one language: what cannot be translated whole stays English.
 """
 
 from collections import defaultdict, deque
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
@@ -14,6 +14,7 @@ from rich.style import Style
 from rich.table import Table
 from rich.text import Text
 
+from appliance.service.control.status_fields import STATUS, Field
 from appliance.supervision.languages import translated, translated_text
 from appliance.types import Fault, State
 from tools.shared.gesture_drawings import drawn
@@ -269,13 +270,23 @@ def _remarks(status: Status) -> list[Text]:
 
 
 def _origin(status: Status) -> list[Text]:
-    """Which reference the verdicts speak of, what keeps it from being verified, and what is not in force."""
+    """Which reference the verdicts speak of, what keeps it from being verified, what is not in force, and what else
+    the rows of the status have a line for.
+    """
     reference = status.get("reference")
     said = [] if reference is None else [_reference(reference)]
-    waits, changed = status.get("reference_waits"), status.get("calibration_changed")
-    said += [] if waits is None else [f"! reference: {waits}"]
-    said += [] if changed is None else [f"! {changed}"]
+    said += _lines(STATUS, status, _language(status))
     return [Text(shown(line), style="yellow" if line.startswith("!") else "dim") for line in said]
+
+
+def _lines(fields: Sequence[Field], holder: Status, language: str) -> Iterator[str]:
+    """holder: the status, or the object that has these fields as its parts."""
+    for field in fields:
+        value = holder.get(field.name)
+        if value is not None:
+            yield from _lines(field.parts, value, language) if field.parts else ()
+            if field.line is not None:
+                yield ((language == "de" and field.line.de) or field.line.en).format(value)
 
 
 def _reference(reference: Mapping[str, Any]) -> str:

@@ -1,8 +1,8 @@
 """What the status consists of: one row for each field. Pure.
 
 `service_status.py` gives each field its value. Of the rows are made the table of docs/control.md, the metrics of one
-field, what MQTT publishes as it is, and the lists of both in docs/monitoring.md. Tested against a running service in
-tests/appliance/service/test_daemon.py.
+field, what MQTT publishes as it is, the lists of both in docs/monitoring.md, and lines of `probewatch status`. Tested
+against a running service in tests/appliance/service/test_daemon.py.
 """
 
 from dataclasses import dataclass
@@ -28,10 +28,21 @@ class Metric:
 
 
 @dataclass(frozen=True, slots=True)
+class Line:
+    """A line of `probewatch status`, left out while the field is null; {} is its value, as str.format has it. de: in
+    German; empty where the value is a sentence that stays English. One that begins with ! is yellow.
+    """
+
+    en: str
+    de: str = ""
+
+
+@dataclass(frozen=True, slots=True)
 class Field:
     """One field. type, meaning: as docs/control.md has them. parts: the fields inside an object, which have no type of
-    their own there and whose meaning follows their name. mqtt: published as it is; not of parts. later: a service of an
-    earlier version does not have it, so that readers leave it out instead of calling the whole status unknown.
+    their own there and whose meaning follows their name. mqtt: published as it is; not of parts. line: for
+    `probewatch status`. later: a service of an earlier version does not have it, so that readers leave it out instead
+    of calling the whole status unknown.
     """
 
     name: str
@@ -40,6 +51,7 @@ class Field:
     parts: tuple["Field", ...] = ()
     metric: Metric | None = None
     mqtt: bool = False
+    line: Line | None = None
     later: bool = False
 
 
@@ -133,12 +145,14 @@ STATUS = (
         "string or null",
         "why there is no reference yet, or why it cannot be verified, such as a full disk",
         metric=Metric("reference_waits", Kind.GIVEN, "1: there is no reference that may be verified"),
+        line=Line("! reference: {}"),
     ),
     Field(
         "calibration_changed",
         "string or null",
         "the configured calibration file was edited or renamed and is not in force",
         metric=Metric("calibration_file_changed", Kind.GIVEN, "1: the configured calibration file is not in force"),
+        line=Line("! {}"),
     ),
     Field(
         "simulated",

@@ -19,6 +19,7 @@ from appliance.core.quality.check_fields import check_fields
 from appliance.core.quality.gesture import Gesture
 from appliance.core.quality.shown import Shown
 from appliance.service.control.status import alarm_fields, check_lists, shown_of_each
+from appliance.service.control.status_fields import Field, Line
 from appliance.supervision.alarms import DISPLAY_COLUMNS
 from appliance.supervision.languages import translated
 from appliance.supervision.watchers.device_health import DeviceHealth, Timeouts
@@ -26,6 +27,7 @@ from appliance.supervision.watchers.devices import watch_devices
 from appliance.types import PARAMETERS, AlarmState, Check, Fault, State, Verdict, VerdictKind
 from tests.support.answering import Answering
 from tests.support.simulated import PROBEWATCH
+from tools.shared import status_view
 from tools.shared.status_view import StatusView, one_line
 
 REASON = "beyond its limit, not certain: offset-elevational -28.4 ± 1.5 mm, limit 4 mm; not shown yet: polarity"
@@ -152,6 +154,26 @@ def test_the_text_says_what_a_verified_calibration_rests_on(shown: str, text: st
     assert one_line(status(**said)).count("Calibration verified") == 1
     halted = AlarmState(State.HALT, 0, Fault.SCALE, "", False, None)
     assert "motion" not in alarm_fields(0, halted, "en", shown_now=each)["text"]
+
+
+@pytest.mark.parametrize(("language", "said"), [("en", "shelf 1.3 m"), ("de", "Ablage 1.3 m")])
+def test_a_field_with_a_line_is_shown_and_one_that_is_null_is_not(
+    language: str, said: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    line = Line("shelf {:.1f} m", "Ablage {:.1f} m")
+    monkeypatch.setattr(status_view, "STATUS", (Field("cart", "object", parts=(Field("shelf_m", line=line),)),))
+    assert said in "\n".join(drawn(80, status(language, cart={"shelf_m": 1.26})))
+    for cart in ({"shelf_m": None}, {}, None):
+        assert said[:5] not in "\n".join(drawn(80, status(language, cart=cart)))
+
+
+@pytest.mark.parametrize(
+    ("field", "line"), [("reference_waits", "! reference: disk full"), ("calibration_changed", "! disk full")]
+)
+def test_what_keeps_a_reference_from_being_in_force_is_a_line(field: str, line: str) -> None:
+    lines = [one.strip() for one in drawn(80, status(**{field: "disk full"}))]
+    assert line in lines
+    assert line not in [one.strip() for one in drawn(80, status(**{field: None}))]
 
 
 def test_monitoring_does_not_say_the_same_twice() -> None:
