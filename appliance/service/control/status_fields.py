@@ -318,7 +318,7 @@ STATUS = (
             Field("poses"),
             Field(
                 "frame_gaps",
-                metric=Metric("frame_gaps", Kind.COUNTER, "Pictures that the device counted and nobody saw"),
+                metric=Metric("frame_gaps", Kind.COUNTER, "Pictures counted by the device that never arrived"),
             ),
             Field(
                 "early_stamps",

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 import yaml
 
+from appliance.service.control.status_fields import STATUS, Kind
 from tests.support.answering import recorded
 from tools.monitoring.reading import found
 
@@ -26,7 +27,17 @@ def known() -> set[str]:
     """Every sample that a service can have, with those of histograms."""
     status = recorded(reference_due_utc="2030-01-01T00:00:00+00:00")
     metrics = found(status, 0.0)
-    return {sample.name for metric in metrics for sample in metric.samples}
+    return {sample.name for metric in metrics for sample in metric.samples} | later()
+
+
+def later() -> set[str]:
+    """Of fields that were added after the status was recorded."""
+    rows = (field for whole in STATUS for field in (whole, *whole.parts) if field.later and field.metric)
+    return {
+        f"probewatch_{row.metric.name}{'_total' if row.metric.kind is Kind.COUNTER else ''}"
+        for row in rows
+        if row.metric is not None
+    }
 
 
 def rules() -> list[dict[str, Any]]:
