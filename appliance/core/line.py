@@ -110,7 +110,9 @@ class Line:
         self._frozen = FrozenVideo(round(limits.frozen_ms * 1e6))
         self._no_picture = NoPicture()
         self._witness = Witness(limits, relative_pose)
-        self._picture_chain = PictureChain(limits, reference, lambda: self._tracker.mask, _GAP_NS)
+        self._picture_chain = PictureChain(
+            limits, reference, lambda: self._tracker.mask, lambda: self._averaging.none, _GAP_NS
+        )
         self._detectors: tuple[Detector, ...] = (
             self._picture_chain,
             DepthRuler(lambda: self._tracker.mask, limits.scale_percent, limits.confidence_sigma),

@@ -21,7 +21,7 @@ def warm_up(width_px: int = 640, height_px: int = 480) -> None:
     pictures = [*([picture] * 8), np.asarray(cv2.flip(picture, 1), dtype=np.uint8)]
     any_probe = Calibration(np.eye(3), (1, 1), np.ones(2), np.zeros(3), (width_px, height_px))
     tracker = RealTimeTracker(1.0)
-    chain = PictureChain(Limits(), any_probe, lambda: tracker.mask, 10 * _FRAME_NS)
+    chain = PictureChain(Limits(), any_probe, lambda: tracker.mask, lambda: True, 10 * _FRAME_NS)
     for number, image in enumerate(pictures):
         tracked = tracker.step(image, number)
         followed = tracked.registration is not None

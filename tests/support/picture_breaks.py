@@ -97,5 +97,7 @@ BREAKS: Mapping[str, Break] = {
     "turned by 8° in a fade of .27 s": Break(Other(about=(0.5, 0.5), turned_deg=8.0), faded, 8),
     "sheared by 14° in a fade of .1 s": Break(Other(about=(0.5, 0.5), turned_deg=14.0, sheared=True), faded, 3),
     "moved on the screen in a fade of .1 s": Break(Other(moved=0.15), faded, 3),
+    "mirrored in a fade of .27 s": Break(MIRRORED, faded, 8),
+    "moved on the screen in a fade of .6 s": Break(Other(moved=0.15), faded, 18),
     ".1 s of black, then upside down": Break(Other(mirrored=(False, True)), black, 3),
 }

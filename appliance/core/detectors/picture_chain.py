@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from appliance.core.detectors.detector import Detector, Observation
+from appliance.core.detectors.double_exposure import DoubleExposure
 from appliance.core.detectors.magnification import Magnification, is_even, pressed_between
 from appliance.core.detectors.picture_change import (
     PictureChange,
@@ -118,20 +119,30 @@ class PictureChain(Detector):
     A change is named once the picture after it is no change back: one spoilt picture withdraws the OK, and raises
     no alarm.
 
-    tissue: (h, w) bool, the registration's mask, None until it is known. most_ns: for how long the chain waits for a
-    picture that goes on with it; then another begins, and a caller that counts on the first must have given it up.
+    tissue: (h, w) bool, the registration's mask, None until it is known. unaveraged: whether pictures are known to hold
+    nothing of those before them: what an averaging scanner smears of a quick hand loses contrast as a fade does.
+    most_ns: for how long the chain waits for a picture that goes on with it; then another begins, and a caller that
+    counts on the first must have given it up.
     linked: whether the latest picture goes on with the chain.
     """
 
-    def __init__(self, limits: Limits, reference: Calibration, tissue: Callable[[], Bits | None], most_ns: int) -> None:
+    def __init__(
+        self,
+        limits: Limits,
+        reference: Calibration,
+        tissue: Callable[[], Bits | None],
+        unaveraged: Callable[[], bool],
+        most_ns: int,
+    ) -> None:
         self._scale_limit, self._offset_limit = limits.scale_percent, limits.offset_mm
         self._rotation_limit_rad = float(np.deg2rad(limits.rotation_deg))
-        self._reference, self._tissue, self._most_ns = reference, tissue, most_ns
+        self._reference, self._tissue, self._unaveraged, self._most_ns = reference, tissue, unaveraged, most_ns
         self._px_per_mm = min(1.0, SMALL_PX / reference.image_size_px[0]) / reference.scale_mm_per_px
         self._aspect = float(reference.scale_mm_per_px[1] / reference.scale_mm_per_px[0])
         self._last: View | None = None
         self._course = _Course()
         self._magnification = Magnification(self._aspect)
+        self._double_exposure = DoubleExposure()
         self._resting = RestingPicture(reference, self._aspect, self._rotation_limit_rad, self._link)
         self._followed = self._searches = self._covered = 0
         self._likenesses: deque[float] = deque(maxlen=_CALM_FRAMES)
@@ -165,6 +176,7 @@ class PictureChain(Detector):
             self._go_on(view, last, own)
             way = own.after(view.t_ns - last.t_ns, last.small.shape[1])
             change = self._magnification.crept() or self._dissolved(view) or self._resting.step(view, way)
+            change = change or self._faded(view)
             if change is not None:
                 self._take(change, view)
             return change
@@ -177,6 +189,9 @@ class PictureChain(Detector):
             self._take(change, view)
         else:
             self._take_link(placed, view, last, link, own, direct)
+            change = self._faded(view) if self._last is view else None
+            if change is not None:
+                self._take(change, view)
         return change
 
     def forget_pictures(self, since_ns: int) -> None:
@@ -211,6 +226,7 @@ class PictureChain(Detector):
         self._earlier.clear()
         self._likenesses.clear()
         self._magnification.restart()
+        self._double_exposure.restart()
         self._resting.restart()
         self._last = view if comparable(view.small) else None
         self._course = _Course()
@@ -227,6 +243,10 @@ class PictureChain(Detector):
             self._magnification.step(view.t_ns, view.small, way, pressed)
             self._note_way(way[0])
         self._last, self._covered_ns = view, None
+        if self._unaveraged():
+            self._double_exposure.step(view.t_ns, view.small)
+        else:
+            self._double_exposure.restart()
         self.linked = self._direct = True
         self._followed += 1
         self._searches = self._covered = 0
@@ -246,6 +266,15 @@ class PictureChain(Detector):
         fell = likeness < min(self._likenesses, default=0.0) - _FELL
         self._newest = likeness
         return not fell
+
+    def _faded(self, view: View) -> PictureChange | None:
+        """A change without a name, where a fade ends with this picture; of a still hand `_dissolved` names it."""
+        before = self._earlier[0].view if self._earlier else view
+        if before.pose is not None and view.pose is not None:
+            still = out_of_plane_mm(self._reference, before.pose, view.pose) <= _STILL_MM
+        else:
+            still = False
+        return PictureChange() if self._double_exposure.ended and not still else None
 
     def _dissolved(self, view: View) -> PictureChange | None:
         """The change since a picture of half a second before, while the hand was still."""
@@ -402,6 +431,7 @@ class PictureChain(Detector):
         self._last = view
         self.linked = self._direct = True
         self._earlier.clear()
+        self._double_exposure.restart()
         self._resting.restart()
         self._followed = self._searches = self._covered = 0
 

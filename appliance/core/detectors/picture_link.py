@@ -25,6 +25,9 @@ _SHADE_PX = 5.0
 _LEAST_GREY = 2.0
 """Standard deviation of a small picture, grey levels, from which it can be compared: noise of ± 4 on black has 1.5,
 dim tissue 5 and more."""
+_SPECKLE_PX, _LEAST_FINE_GREY = 1.0, 1.0
+"""Sigma of what is no speckle, px of the small picture, and contrast of what is finer that is shown, grey levels. Wider
+ones take layers that come and go for it, and narrower ones what an averaging scanner smears: see `_LEAST_DIP`."""
 _LEAST_SIDE_PX = 32
 """Side of a small picture, px: less is no picture but a strip, whose parts are a few px."""
 _GRID = (6, 4)
@@ -124,6 +127,13 @@ def parts_shown(picture: Array32) -> int:
     if min(picture.shape) < _LEAST_SIDE_PX:
         return 0
     return int(np.count_nonzero([picture[part].std() >= _LEAST_GREY for part in _parts(picture.shape)]))
+
+
+def contrasts(picture: Array32) -> Array:
+    """(24,) logarithm of the contrast of the speckle in each part of a small picture, NaN where it shows none."""
+    fine = picture - cv2.GaussianBlur(picture, (0, 0), _SPECKLE_PX)
+    levels = np.array([float(fine[part].std()) for part in _parts(picture.shape)])
+    return np.where(levels >= _LEAST_FINE_GREY, np.log(np.maximum(levels, _LEAST_FINE_GREY)), np.nan)
 
 
 def comparable(picture: Array32) -> bool:

@@ -94,6 +94,11 @@ class FrameAveraging:
         found = self._none is not None and self._pictures - self._none < _KNOWN
         return self.share > 0 or found or self._shown_none(_KNOWN)
 
+    @property
+    def none(self) -> bool:
+        """Whether pictures have shown that there is no share."""
+        return self.known and self.share == 0
+
     def repeat(self) -> None:
         """The grabber has handed on the latest picture once more: the scanner has averaged nothing."""
         self._repeated += 1

@@ -22,6 +22,7 @@ NOT_A_BREAK = Break(Other())
 TRIED = [
     *product([HOLD], BREAKS),
     *product([SWEEP], [".2 s of black, then zoomed", "one torn picture, then zoomed", "an animated zoom"]),
+    *product([SWEEP], ["mirrored in a fade of .27 s", "moved on the screen in a fade of .6 s"]),
     *product([GESTURE], [".2 s of black, then mirrored", "zoomed about a region of interest"]),
 ]
 

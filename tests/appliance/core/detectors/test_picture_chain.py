@@ -34,7 +34,7 @@ REFERENCE = Calibration(np.eye(3), (1, 1), np.full(2, MM_PER_PX), np.zeros(3), (
 
 
 def event() -> PictureChain:
-    return PictureChain(Limits(scale_percent=5.0), REFERENCE, lambda: None, WAITS_NS)
+    return PictureChain(Limits(scale_percent=5.0), REFERENCE, lambda: None, lambda: True, WAITS_NS)
 
 
 def step(
