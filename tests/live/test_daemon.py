@@ -63,6 +63,7 @@ def real(tmp_path: Path) -> Iterator[Cart]:
         assert not {"halt", "recalibration requested"} & states
 
 
+@pytest.mark.alone
 def test_the_real_line_verifies_and_a_killed_one_alarms(real: Cart) -> None:
     killed_s = time.monotonic()
     os.kill(real.estimator_pid(), signal.SIGKILL)

@@ -204,6 +204,7 @@ def _status(socket: Path) -> str:
     return said.stdout + said.stderr
 
 
+@pytest.mark.alone
 def test_from_an_unconfigured_package_to_monitoring_within_ten_minutes(day: Day) -> None:
     configured_s = configured(day)
     served_again(day)
@@ -268,6 +269,7 @@ def scanned_and_signed(page: Page, token: str, tank: Path) -> None:
     page.click("#accept")
 
 
+@pytest.mark.alone
 @pytest.mark.skipif(CHROMIUM is None, reason="needs chromium (chromium)")
 @pytest.mark.filterwarnings("ignore::ResourceWarning")  # of playwright's own pipes
 def test_from_an_unconfigured_package_to_monitoring_by_the_page_within_ten_minutes(day: Day) -> None:

@@ -40,6 +40,7 @@ def state(socket: Path) -> str:
         return ""
 
 
+@pytest.mark.alone
 def test_the_service_beside_it_reaches_monitoring(tmp_path: Path, programs: ExitStack) -> None:
     file = tmp_path / "elsewhere" / "cart.toml"
     file.parent.mkdir()
