@@ -2,34 +2,23 @@
 and the unit's DeviceAllow, a drop-in of systemd. `python -m tools.development.manual` writes them.
 """
 
-import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from drivers.descriptor import Driver, Option
 from drivers.registry import drivers
 from tools.development.markdown import table
+from tools.development.page_blocks import PageBlocks
 
 _ROOT = Path(__file__).parents[2]
 PAGES = (_ROOT / "docs" / "trackers.md", _ROOT / "docs" / "devices.md")
 DROP_IN = _ROOT / "systemd" / "probewatch.service.d" / "10-devices.conf"
-_BLOCK = re.compile(r"(?P<begin><!-- drivers: (?P<name>[a-z0-9+ ]+) -->\n).*?(?P<end><!-- /drivers -->)", re.S)
 
 
-def page(text: str) -> str:
-    """The page with each of its blocks made anew. Raises KeyError for a block that nobody makes."""
-    return _BLOCK.sub(lambda found: found["begin"] + "\n".join(_made(found["name"])) + "\n" + found["end"], text)
-
-
-def blocks(text: str) -> list[str]:
-    """Names of the blocks of a page."""
-    return [found["name"] for found in _BLOCK.finditer(text)]
-
-
-def _made(name: str) -> list[str]:
+def _made(name: str) -> str:
     what, _, scheme = name.partition(" ")
-    lines = _BLOCKS[name]() if name in _BLOCKS else {"options": _options}[what](drivers()[scheme])
-    return lines[:-1]
+    lines = _TABLES[name]() if name in _TABLES else {"options": _options}[what](drivers()[scheme])
+    return "\n".join(lines)
 
 
 def _of(kind: str) -> Iterator[tuple[str, Driver]]:
@@ -59,7 +48,7 @@ def _outputs() -> list[str]:
     return table(head, rows)
 
 
-_BLOCKS: dict[str, Callable[[], list[str]]] = {"trackers": _trackers, "video": _video, "outputs": _outputs}
+_TABLES: dict[str, Callable[[], list[str]]] = {"trackers": _trackers, "video": _video, "outputs": _outputs}
 
 
 def _see(driver: Driver) -> str:
@@ -101,6 +90,9 @@ def drop_in() -> str:
     return "\n".join(("# Written by `make docs` from what the drivers say of themselves.", "[Service]", *lines, ""))
 
 
+BLOCKS = PageBlocks("drivers", _made)
+
+
 def written() -> dict[Path, str]:
     """Path and content of every file that is made, in part or whole."""
-    return {**{file: page(file.read_text(encoding="utf-8")) for file in PAGES}, DROP_IN: drop_in()}
+    return {**{file: BLOCKS.page(file.read_text(encoding="utf-8")) for file in PAGES}, DROP_IN: drop_in()}

@@ -1,27 +1,16 @@
-"""What is made of the rows of the status: what docs/control.md and docs/monitoring.md list, each between two marks.
+"""Generates the tables and lists of docs/control.md and docs/monitoring.md from the rows of the status.
 `python -m tools.development.manual` writes them.
 """
 
-import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from appliance.service.control.status_fields import STATUS, Field, Kind
 from tools.development.markdown import table
+from tools.development.page_blocks import PageBlocks
 
 _DOCS = Path(__file__).parents[2] / "docs"
 PAGES = (_DOCS / "control.md", _DOCS / "monitoring.md")
-_BLOCK = re.compile(r"(?P<begin><!-- status: (?P<name>[a-z]+) -->\n).*?(?P<end><!-- /status -->)", re.S)
-
-
-def page(text: str) -> str:
-    """The page with each of its blocks made anew. Raises KeyError for a block that nobody makes."""
-    return _BLOCK.sub(lambda found: f"{found['begin']}{_BLOCKS[found['name']]()}{found['end']}", text)
-
-
-def blocks(text: str) -> list[str]:
-    """Names of the blocks of a page."""
-    return [found["name"] for found in _BLOCK.finditer(text)]
 
 
 def _fields() -> str:
@@ -54,9 +43,10 @@ def _mqtt() -> str:
     return ", ".join(f"`{field.name}`" for field in STATUS if field.mqtt) + "\n"
 
 
-_BLOCKS: dict[str, Callable[[], str]] = {"fields": _fields, "metrics": _metrics, "mqtt": _mqtt}
+_TEXTS: dict[str, Callable[[], str]] = {"fields": _fields, "metrics": _metrics, "mqtt": _mqtt}
+BLOCKS = PageBlocks("status", lambda name: _TEXTS[name]())
 
 
 def written() -> dict[Path, str]:
     """Path and content of each page."""
-    return {file: page(file.read_text(encoding="utf-8")) for file in PAGES}
+    return {file: BLOCKS.page(file.read_text(encoding="utf-8")) for file in PAGES}

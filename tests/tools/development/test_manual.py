@@ -55,21 +55,21 @@ def test_the_pages_on_what_was_measured_are_the_ones_the_figures_write() -> None
 def test_the_tables_of_the_drivers_are_those_of_their_descriptors() -> None:
     for file, text in driver_pages.written().items():
         assert file.read_text(encoding="utf-8") == text, f"{file}: run make docs"
-    made = [name for page in driver_pages.PAGES for name in driver_pages.blocks(page.read_text(encoding="utf-8"))]
+    made = [name for page in driver_pages.PAGES for name in driver_pages.BLOCKS.names(page.read_text(encoding="utf-8"))]
     simulated = {driver.twin: driver.scheme for driver in reversed(drivers().values()) if driver.kinds == ("tracker",)}
     assert sorted(made) == sorted(["trackers", "video", "outputs", *(f"options {one}" for one in simulated.values())])
-    assert driver_pages.page("<!-- drivers: video -->\nold\n<!-- /drivers -->\n").count("v4l2:") == 1
+    assert driver_pages.BLOCKS.page("<!-- drivers: video -->\nold\n<!-- /drivers -->\n").count("v4l2:") == 1
     with pytest.raises(KeyError):
-        driver_pages.page("<!-- drivers: options nobody -->\n<!-- /drivers -->\n")
+        driver_pages.BLOCKS.page("<!-- drivers: options nobody -->\n<!-- /drivers -->\n")
 
 
 def test_the_tables_of_the_status_are_those_of_its_rows() -> None:
     for file, text in status_pages.written().items():
         assert file.read_text(encoding="utf-8") == text, f"{file}: run make docs"
-        assert status_pages.blocks(text)
-    assert "outdated" not in status_pages.page("<!-- status: fields -->\noutdated\n<!-- /status -->\n")
+        assert status_pages.BLOCKS.names(text)
+    assert "outdated" not in status_pages.BLOCKS.page("<!-- status: fields -->\noutdated\n<!-- /status -->\n")
     with pytest.raises(KeyError):
-        status_pages.page("<!-- status: nobody -->\n<!-- /status -->\n")
+        status_pages.BLOCKS.page("<!-- status: nobody -->\n<!-- /status -->\n")
 
 
 def test_the_page_that_a_driver_names_has_a_row_for_each_of_its_options() -> None:
