@@ -100,7 +100,7 @@ def _observe(metric: HistogramMetricFamily, labels: Sequence[str], delays: Statu
 
 
 def _of_one_field(fields: Sequence[Field], holder: Status) -> Iterator[Metric]:
-    """What the rows of the status say of a field by itself. holder: the status, or the object that has these parts."""
+    """Makes the metrics of single fields from their rows. holder: the status, or the object that has these parts."""
     for field in fields:
         if field.later and field.name not in holder:
             continue

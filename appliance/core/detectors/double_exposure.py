@@ -23,7 +23,7 @@ seeds). Less voids what healthy motion showed, more misses fades into what is mu
 _LEAST_PARTS = 6
 """Parts that show something in all of it: fewer let a corner speak for the picture."""
 _LEAST_PICTURES = 5
-"""Of a dip with two pictures before it, one within and two after it."""
+"""The fewest pictures that can hold a dip: two before it, one within and two after it."""
 
 
 class DoubleExposure:
@@ -33,12 +33,12 @@ class DoubleExposure:
         self.restart()
 
     def restart(self) -> None:
-        """Compares what comes with nothing that came."""
+        """Forgets all pictures taken so far."""
         self._levels: deque[tuple[int, Array]] = deque()
         self.ended = False
 
     def step(self, t_ns: int, picture: Array32) -> None:
-        """Take a small picture."""
+        """Takes a small picture."""
         self._levels.append((t_ns, contrasts(picture)))
         while t_ns - self._levels[0][0] > _WITHIN_NS:
             self._levels.popleft()

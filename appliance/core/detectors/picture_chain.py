@@ -269,12 +269,16 @@ class PictureChain(Detector):
 
     def _faded(self, view: View) -> PictureChange | None:
         """A change without a name, where a fade ends with this picture; of a still hand `_dissolved` names it."""
+        if not self._double_exposure.ended:
+            return None
         before = self._earlier[0].view if self._earlier else view
-        if before.pose is not None and view.pose is not None:
-            still = out_of_plane_mm(self._reference, before.pose, view.pose) <= _STILL_MM
-        else:
-            still = False
-        return PictureChange() if self._double_exposure.ended and not still else None
+        return None if self._still_between(before, view) else PictureChange()
+
+    def _still_between(self, before: View, view: View) -> bool:
+        """Whether the tracker says that the hand has stayed in its plane; False where a pose is missing."""
+        if before.pose is None or view.pose is None:
+            return False
+        return out_of_plane_mm(self._reference, before.pose, view.pose) <= _STILL_MM
 
     def _dissolved(self, view: View) -> PictureChange | None:
         """The change since a picture of half a second before, while the hand was still."""
@@ -285,9 +289,7 @@ class PictureChain(Detector):
             self._earlier.popleft()
         earlier = self._earlier[0]
         before = earlier.view
-        if before is view or before.pose is None:
-            return None
-        if out_of_plane_mm(self._reference, before.pose, view.pose) > _STILL_MM:
+        if before is view or not self._still_between(before, view):
             return None
         placed, link = self._link(view, before)
         if link is None or link.alike >= _AS_IT_WAS or not _searchable(placed, view.small):

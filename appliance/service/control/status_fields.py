@@ -1,4 +1,4 @@
-"""What the status consists of: one row for each field. Pure.
+"""The fields of the status, one row each. Pure.
 
 `service_status.py` gives each field its value. Of the rows are made the table of docs/control.md, the metrics of one
 field, what MQTT publishes as it is, the lists of both in docs/monitoring.md, and lines of `probewatch status`. Tested
@@ -10,7 +10,7 @@ from enum import Enum
 
 
 class Kind(Enum):
-    """What a metric makes of the value of its field."""
+    """How a metric represents the value of its field."""
 
     GAUGE = "the number; left out while it is null"
     COUNTER = "the number, which only rises"

@@ -12,7 +12,7 @@ from appliance.core.registration.pyramid import Array32
 
 FRAME_NS = 33_333_333
 HALVED = np.log(np.sqrt(0.5))
-"""Of the contrast of two pictures that have nothing in common, each of which is half of the mixture."""
+"""Expected fall of the logarithm of the contrast, where two unlike pictures are mixed half and half."""
 WINDOW = 12
 """Pictures before and after a fade."""
 
