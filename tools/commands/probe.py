@@ -23,7 +23,7 @@ _READ_S = 0.2
 """For which a read waits, and by which the measurement may last longer than was asked."""
 _HELD_S = 1.0
 _LOOSE_BOUND_MS = 10.0
-"""Of the timestamp error: it takes from the room on either side of the latency's limit, 60 ms as shipped."""
+"""Limit of the timestamp error, which takes from the room on either side of the latency's limit, 60 ms as shipped."""
 _MANY_LOST = 0.02
 """Share of the samples. Less complains of a host that was busy once; more is silent about a line that is too slow. Not
 measured.
@@ -39,7 +39,7 @@ _OPENS: dict[str, Open] = {"poses": open_tracker, "pictures": open_video}
 
 @dataclass
 class Measured:
-    """What was measured. `samples` are in order of arrival; `arrivals_ns` holds the arrival of each, on the clock of
+    """A measurement. `samples` are in order of arrival; `arrivals_ns` holds the arrival of each, on the clock of
     the stamps. `end` says why reading ended early.
     """
 

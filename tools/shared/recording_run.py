@@ -17,7 +17,7 @@ from tools.shared.rerun import Comparison, Rerun, Step
 
 
 class Session(Protocol):
-    """What a recording must offer; implemented by drivers.recordings.replay.Recording and by a black box."""
+    """Interface of a recording; implemented by drivers.recordings.replay.Recording and by a black box."""
 
     @property
     def start_ns(self) -> int: ...

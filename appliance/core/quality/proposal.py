@@ -51,7 +51,7 @@ class NewValue:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Proposal:
-    """What is proposed. `values` lists what is wrong, `steps` the actions. `calibration` is the reference with every
+    """A proposal. `values` lists what is wrong, `steps` the actions. `calibration` is the reference with every
     part of X that motion recovers; None where X is not the only thing wrong with it.
     """
 

@@ -12,7 +12,7 @@ TICK_S = TICK_NS / 1e9
 
 
 def test_every_key_that_was_recorded_is_still_in_the_status(monitoring: SimulatedCart) -> None:
-    """What a later version added need not be in the recording."""
+    """Fields that a later version added may be missing from the recording."""
     always = {field.name for field in STATUS if not field.later}
     assert always <= RECORDED.keys() <= monitoring.status().keys(), "tests/data/status.json is of another version"
 

@@ -31,7 +31,7 @@ def known() -> set[str]:
 
 
 def later() -> set[str]:
-    """Of fields that were added after the status was recorded."""
+    """Metrics of fields that were added after the status was recorded."""
     rows = (field for whole in STATUS for field in (whole, *whole.parts) if field.later and field.metric)
     return {
         f"probewatch_{row.metric.name}{'_total' if row.metric.kind is Kind.COUNTER else ''}"
