@@ -86,13 +86,14 @@ def may_do(before: int, seen: Sequence[Motion], poses: Array, reference: Calibra
     supposed = np.append(aside, _ANY)
     tilt = _share(turns_rad, tilt_rad, supposed)
 
-    def drags(reading: int) -> bool:
-        drag_px = steps(np.array([path.drag_px[reading] for path in tissue]))
+    def drags(read_as: int) -> bool:
+        drag_px = steps(np.array([path.drag_px[read_as] for path in tissue]))
         drag_mm = drag_px * lateral * reference.scale_mm_per_px[0]
         share, sigma = _share(steps(np.cumsum(moved[0]))[None], drag_mm, np.array([_ANY]))
         return _may_be_other(bool(before & DRAGS), 0.0, _DRAG, share, sigma)
 
-    shear_rad = steps(np.array([path.path_rad[PRESSES | DRAGS * drags(DRAGS)] for path in tissue])) * lateral * axial
+    reading = PRESSES | DRAGS * drags(DRAGS)
+    shear_rad = steps(np.array([path.path_rad[reading] for path in tissue])) * lateral * axial
     shear = _share(turns_rad, shear_rad, supposed)
     pressed, wide = bool(before & PRESSES), np.ptp(np.cumsum(turns_rad[2])) >= LEAST_TURN_RAD
     presses = _may_be_other(pressed, 1.0, _TILT, *tilt) or bool(wide and _may_follow(pressed, tilt, shear))
