@@ -5,8 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import find_peaks
 
-from appliance.core.path.breaths import Breaths
+from appliance.core.path.breaths import Breaths, peaks
 from appliance.core.path.noise import Blocks
 from appliance.core.path.samples import PathSamples
 from appliance.core.path.solver import Prior, Solution, solve
@@ -210,3 +211,13 @@ def test_noise_of_a_tracker_that_filters_its_poses_is_no_pulse_and_draws_no_scal
     assert all(one.noise.followed is not None for one in found)
     scores = np.array([one.change[3:5] / np.sqrt(np.diag(one.covariance)[3:5]) for one in found])
     assert np.all(np.sqrt(np.mean(scores**2, axis=0)) < 1.6)
+
+
+@pytest.mark.parametrize("walks", [True, False], ids=["a random walk", "steps with level tops"])
+def test_peaks_are_those_that_scipy_finds(walks: bool) -> None:
+    rng = np.random.default_rng(3)
+    for _ in range(300):
+        size, apart, prominence = int(rng.integers(1, 200)), int(rng.integers(1, 20)), float(rng.uniform(0, 3))
+        values = np.cumsum(rng.normal(size=size)) if walks else rng.integers(0, 6, size=size).astype(float)
+        theirs = find_peaks(values, distance=apart, prominence=prominence)[0]
+        assert np.array_equal(peaks(values, apart, prominence), theirs)
