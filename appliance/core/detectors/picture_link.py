@@ -6,6 +6,7 @@ Speckle that a quick hand has changed is less alike, but all over.
 """
 
 from dataclasses import dataclass
+from functools import cache
 from itertools import pairwise, product
 
 import cv2
@@ -126,14 +127,23 @@ def parts_shown(picture: Array32) -> int:
     """How many of the 24 parts of a small picture show anything; 0 for a picture that is but a strip."""
     if min(picture.shape) < _LEAST_SIDE_PX:
         return 0
-    return int(np.count_nonzero([picture[part].std() >= _LEAST_GREY for part in _parts(picture.shape)]))
+    return int(np.count_nonzero(_deviations(picture) >= _LEAST_GREY))
 
 
 def contrasts(picture: Array32) -> Array:
     """(24,) logarithm of the contrast of the speckle in each part of a small picture, NaN where it shows none."""
     fine = picture - cv2.GaussianBlur(picture, (0, 0), _SPECKLE_PX)
-    levels = np.array([float(fine[part].std()) for part in _parts(picture.shape)])
+    levels = _deviations(fine)
     return np.where(levels >= _LEAST_FINE_GREY, np.log(np.maximum(levels, _LEAST_FINE_GREY)), np.nan)
+
+
+def _deviations(picture: Array32) -> Array:
+    """(24,) standard deviation of the grey levels in each part."""
+    rows, columns = _edges(picture.shape)
+    corners = (each[np.ix_(rows, columns)] for each in cv2.integral2(picture))
+    sums, squares = (np.diff(np.diff(each, axis=0), axis=1) for each in corners)
+    count = np.outer(np.diff(rows), np.diff(columns))
+    return np.asarray(np.sqrt(np.maximum(squares / count - np.square(sums / count), 0.0)).ravel())
 
 
 def comparable(picture: Array32) -> bool:
@@ -181,11 +191,15 @@ def _common_shift(before: Array32, now: Array32, moved: NDArray[np.int64], slack
 
 
 def _parts(shape: tuple[int, ...]) -> list[tuple[slice, slice]]:
-    rows, columns = (
-        [slice(int(start), int(end)) for start, end in pairwise(np.linspace(0, side, count + 1).astype(int))]
-        for side, count in zip(shape, _GRID[::-1], strict=True)
-    )
+    rows, columns = ([slice(*ends) for ends in pairwise(edges.tolist())] for edges in _edges(shape))
     return list(product(rows, columns))
+
+
+@cache
+def _edges(shape: tuple[int, ...]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Rows and columns at which the parts of such a picture begin and end."""
+    across, down = _GRID
+    return np.linspace(0, shape[0], down + 1).astype(int), np.linspace(0, shape[1], across + 1).astype(int)
 
 
 def _part_likeness(before: Array32, now: Array32, part: tuple[slice, slice], shift: tuple[int, int]) -> float | None:
