@@ -1,5 +1,6 @@
 """`python -m tests.rules.pythons [VERSION … | --by-turns]`: the quick tests on other supported Pythons, on all of them
-where none is named. By turns, as the gate runs it, it is one, another one with each commit.
+where none is named. By turns, as the gate runs it, it is one, another one with each commit, and a third of the tests:
+six commits in a row run every test on both.
 
 Each has an environment of its own. An interpreter that this machine has is taken: one on the path, or one of pyenv's.
 For the version that Debian 13 has, root may do without: its own Python in Debian 13's files under build/, made by
@@ -32,24 +33,29 @@ _SHARED = ROOT.parent / "shared"
 def main(asked: list[str]) -> int:
     here = f"3.{sys.version_info.minor}"
     others = [version for version in VERSIONS if version != here]
-    chosen = in_turn(others, commits(ROOT)) if asked == [BY_TURNS] else asked or others
-    results = {version: tried(version) for version in chosen}
+    chosen, third = in_turn(others, commits(ROOT)) if asked == [BY_TURNS] else (asked or others, "")
+    results = {version: tried(version, third) for version in chosen}
     print(f"\nquick tests on Python {here}: see make test")
     for version in dict.fromkeys([*results, *others]):
-        print(f"quick tests on Python {version}: {results.get(version, 'LEFT OUT') or 'passed'}")
+        which = f", third {third}" if third and version in results else ""
+        print(f"quick tests on Python {version}{which}: {results.get(version, 'LEFT OUT') or 'passed'}")
     return int(any(result == "FAILED" for result in results.values()))
 
 
-def in_turn(versions: list[str], commit: int | None) -> list[str]:
-    """That of the commit, which is given as how many lie behind it; all where that is not known."""
-    return versions if commit is None else [versions[commit % len(versions)]]
+def in_turn(versions: list[str], commit: int | None) -> tuple[list[str], str]:
+    """(the one of the commit, and its third of the tests), which is given as how many lie behind it; all where that is
+    not known.
+    """
+    if commit is None:
+        return versions, ""
+    return [versions[commit % len(versions)]], str(commit // len(versions) % 3 + 1)
 
 
-def tried(version: str) -> str:
-    """Empty where the tests pass; FAILED; or why they were left out."""
+def tried(version: str, third: str = "") -> str:
+    """Empty where the tests pass; FAILED; or why they were left out. third: which of them, "" for all."""
     if python := interpreter(version):
         print(f"\nPython {version}: {python}", flush=True)
-        return _quick(["make", "-C", str(ROOT)], str(python), ROOT / f".venv-{version}")
+        return _quick(["make", "-C", str(ROOT)], str(python), ROOT / f".venv-{version}", third)
     if version not in DEBIAN:
         return f"LEFT OUT, this machine has no python{version} and no Debian does"
     if why := missing(("mmdebstrap", "chroot", "unshare")):
@@ -59,7 +65,7 @@ def tried(version: str) -> str:
     except NoMirror as error:
         return f"LEFT OUT, this machine has no python{version}, and the Debian mirror does not answer: {error}"
     print(f"\nPython {version}: Debian's own in {root}", flush=True)
-    return _quick(_inside(root), f"python{version}", Path("/opt/venv"))
+    return _quick(_inside(root), f"python{version}", Path("/opt/venv"), third)
 
 
 def interpreter(version: str) -> Path | None:
@@ -76,8 +82,8 @@ def interpreter(version: str) -> Path | None:
     return None
 
 
-def _quick(make: list[str], python: str, environment: Path) -> str:
-    command = [*make, "quick", f"PYTHON={python}", f"VENV={environment}"]
+def _quick(make: list[str], python: str, environment: Path, third: str) -> str:
+    command = [*make, "quick", f"PYTHON={python}", f"VENV={environment}", f"THIRD={third}"]
     return "" if subprocess.run(command, check=False, stdin=subprocess.DEVNULL).returncode == 0 else "FAILED"
 
 
