@@ -29,6 +29,7 @@ from tools.development.evidence_pages import pages, read_figures
 from tools.development.hazard_pages import limit, measured, remedies
 from tools.development.hazards import PAGE, hazards, step_text, steps
 from tools.development.markdown import table
+from tools.development.reset_pages import written as reset_pages
 from tools.development.status_pages import written as status_pages
 from tools.shared.gesture_drawings import drawing
 
@@ -256,6 +257,7 @@ if __name__ == "__main__":
         **profiles(),
         **drawings(),
         **driver_pages(),
+        **reset_pages(),
         **status_pages(),
     }.items():
         path.write_text(text, encoding="utf-8")

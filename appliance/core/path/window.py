@@ -121,15 +121,15 @@ class PathWindow:
         while self._seen[0].stamp.t_ns < motion.stamp.t_ns - self._span_ns:
             self._seen.popleft()
 
-    def restart(self, elsewhere: bool = False) -> None:
-        """What comes next obeys another calibration: forget the pictures, keep the poses.
-
-        elsewhere: the probe may lie on other tissue by now, of which nothing is known.
-        """
+    def restart(self) -> None:
+        """What comes next obeys another calibration: forget the pictures, keep the poses."""
         self._changed()
-        if elsewhere:
-            self._tissue = DRAGS | PRESSES
         self._seen.clear()
+
+    def forget_tissue(self) -> None:
+        """The probe may lie on other tissue by now, of which nothing is known."""
+        self._changed()
+        self._tissue = DRAGS | PRESSES
 
     def forget(self, since_ns: int) -> None:
         """Motion at or after since_ns was stamped wrongly."""

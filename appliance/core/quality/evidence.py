@@ -15,6 +15,7 @@ from appliance.core.quality.examination import Finding, examine, examine_nothing
 from appliance.core.quality.examiner import BREATHED, Examiner
 from appliance.core.quality.field_distortion import FieldDistortion
 from appliance.core.quality.point_watch import PointWatch
+from appliance.core.quality.resets import Cause, Effect, Reset, State, reset
 from appliance.core.quality.sequential_test import WINDOW_NS, Accusation, accuse
 from appliance.core.quality.stationary_time import StationaryTime
 from appliance.core.quality.undecided import Choice, undecided
@@ -95,52 +96,78 @@ class Evidence:
 
     def restart(self) -> None:
         """Discards what motion has shown, because the geometry has changed; contradictions stand."""
-        self._examiner.restart()
-        self._start_over(elsewhere=False)
+        self.reset(Cause.PICTURE_CHANGED)
 
     def lose_sight(self) -> None:
         """Discards what motion has shown: while the probe was out of sight, anything may have been changed on it. The
         learned breathing of the patient is kept, because it cannot have changed by that.
         """
-        self._examiner.lose_sight()
-        self._start_over(elsewhere=True)
-
-    def _start_over(self, elsewhere: bool) -> None:
-        self._under_way = None
-        self.window.restart(elsewhere)
-        self.stationary.restart()
-        self.points.restart()
-        self._verification.restart()
-        self._latest = self._nothing
-        self._choice = Choice()
-        self.distortion.lose_sight()
-        self._suspects = frozenset()
-        self._culprits = {}
-        self._settled_ns = self._long_ns = 0
-        self._failing_ns = self._breathed_ns = None
+        self.reset(Cause.SIGHT_LOST)
 
     def forget(self, since_ns: int) -> None:
         """Discards motion at or after `since_ns`, whose timestamps were wrong."""
-        self._under_way = None
-        self.window.forget(since_ns)
-        self.stationary.forget(since_ns)
-        self.points.restart()
-        self._verification.forget(since_ns)
-        self.distortion.forget(since_ns)
-        self._latest = self._nothing
-        times_ns = self._valid_ns, self._settled_ns, self._lagged_ns
-        self._valid_ns, self._settled_ns, self._lagged_ns = (min(t_ns, since_ns) for t_ns in times_ns)
-        self._choice = Choice()
-        self._long_ns = 0
-        self._failing_ns = self._breathed_ns = None
-        self._examiner.forget()
+        self.reset(Cause.PICTURE_STAMPS, since_ns)
 
     def forget_poses(self, since_ns: int) -> None:
         """Discards poses at or after `since_ns`, whose timestamps were wrong."""
+        self.reset(Cause.POSE_STAMPS, since_ns)
+
+    def reset(self, cause: Cause, since_ns: int = 0) -> None:
+        """Discards what the cause ends, as `resets.RESETS` has it. since_ns: from when on timestamps were wrong."""
+        reset(cause, since_ns, self._resets())
+
+    def _resets(self) -> dict[tuple[State, Effect], Reset]:
+        examiner, verification, cleared, cut = self._examiner, self._verification, Effect.CLEARED, Effect.CUT
+        return {
+            (State.SOLVING, cleared): lambda _: self._drop(),
+            (State.MOTION, cleared): lambda _: self.window.restart(),
+            (State.MOTION, cut): self.window.forget,
+            (State.SHOWN, cleared): lambda _: verification.restart(),
+            (State.SHOWN, cut): verification.forget,
+            (State.LATEST, cleared): lambda _: self._clear_latest(),
+            (State.UNCONFIRMED, cleared): lambda _: self._clear_unconfirmed(),
+            (State.SUSPECTED, cleared): lambda _: self._clear_suspected(),
+            (State.RESTS, cleared): lambda _: self.stationary.restart(),
+            (State.RESTS, cut): self.stationary.forget,
+            (State.NOISE, cleared): lambda _: examiner.noises.restart(),
+            (State.NOISE, Effect.BREATHS_KEPT): lambda _: examiner.noises.lose_sight(),
+            (State.LAG, cleared): lambda _: examiner.forget_lag(),
+            (State.TISSUE, cleared): lambda _: self.window.forget_tissue(),
+            (State.CONTRADICTIONS, cut): self._predate,
+            (State.SETTLING, cleared): lambda _: self._settle_by(0),
+            (State.SETTLING, cut): self._settle_by,
+            (State.CHANGES, cut): self._cut_changes,
+            (State.SEARCHED, cleared): lambda _: examiner.search_again(),
+            (State.POSES, cut): self.window.poses.forget,
+            (State.PACE, cleared): lambda _: self.points.pace.restart(),
+        }
+
+    def _drop(self) -> None:
         self._under_way = None
-        self.window.poses.forget(since_ns)
-        self.stationary.forget(since_ns)
-        self.points.pace.restart()
+
+    def _clear_latest(self) -> None:
+        self._latest, self._long_ns = self._nothing, 0
+
+    def _clear_unconfirmed(self) -> None:
+        self._choice = Choice()
+        self._failing_ns = self._breathed_ns = None
+        self.distortion.lose_sight()
+        self.points.restart()
+        self._examiner.forget_drift()
+
+    def _clear_suspected(self) -> None:
+        self._suspects = frozenset()
+        self._culprits = {}
+
+    def _predate(self, since_ns: int) -> None:
+        self._verification.predate(since_ns)
+        self.distortion.predate(since_ns)
+
+    def _settle_by(self, since_ns: int) -> None:
+        self._settled_ns = min(self._settled_ns, since_ns)
+
+    def _cut_changes(self, since_ns: int) -> None:
+        self._valid_ns, self._lagged_ns = min(self._valid_ns, since_ns), min(self._lagged_ns, since_ns)
 
     def checks(self) -> tuple[Check, ...]:
         """The checks of the latest solution and of a distorted field, and, while neither of its two candidates is
@@ -321,8 +348,7 @@ class Evidence:
         explained = bool(found.named or self._latest.failed)
         if ask_bent and self.distortion.note(found.bent_nats, window.start_ns, now_ns, explained):
             # Nothing is OK again by the motion that looked bent.
-            self._verification.restart()
-            self._latest, self._long_ns = self._nothing, 0
+            self.reset(Cause.FIELD_ANSWERED)
             self._valid_ns = max(self._valid_ns, self.distortion.until_ns)
         if not found.checks:
             return None

@@ -44,26 +44,18 @@ class Examiner:
         self._drift = LatencyDrift()
         self._drifted: Latency | None = None
 
-    def restart(self) -> None:
-        """Discards all measurements, because the geometry has changed."""
-        self.noises.restart()
-        self._begin_lag_anew()
-
-    def lose_sight(self) -> None:
-        """Restarts, but keeps the learned breathing of the patient."""
-        self.noises.lose_sight()
-        self._begin_lag_anew()
-
-    def _begin_lag_anew(self) -> None:
+    def forget_lag(self) -> None:
+        """Discards the explanation by a far lag, because the geometry may have changed."""
         self.about_s, self.explanation = 0.0, None
+
+    def forget_drift(self) -> None:
+        """Discards the drift of the latency."""
         self._drift.clear()
         self._drifted = None
 
-    def forget(self) -> None:
-        """Discards motion whose timestamps were wrong."""
+    def search_again(self) -> None:
+        """Searches the next unexplained motion for a lag at once, because some motion had wrong timestamps."""
         self._explained_ns = 0
-        self._drift.clear()
-        self._drifted = None
 
     def examined(self, window: PathWindow, start: Noise | None) -> Steps[Finding]:
         """Returns the finding of the window; until breathing is learned, a wrong axial scale is a contradiction but is

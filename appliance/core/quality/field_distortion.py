@@ -126,9 +126,8 @@ class FieldDistortion:
         """Keeps the result, as the contradictions of parameters are kept."""
         self._since_ns = self._asked_ns = self.nats = None
 
-    def forget(self, since_ns: int) -> None:
+    def predate(self, since_ns: int) -> None:
         """Motion at or after `since_ns` had wrong timestamps: results that rest on it count as of just before."""
-        self.lose_sight()
         self.until_ns = min(self.until_ns, since_ns - 1)
 
     def note(self, nats: float | None, start_ns: int, now_ns: int, explained: bool) -> bool:

@@ -66,10 +66,11 @@ class Verification:
         self._shown_ns.clear()
 
     def forget(self, since_ns: int) -> None:
-        """Motion at or after `since_ns` had wrong timestamps: it shows nothing, and a contradiction by it counts as one
-        of just before.
-        """
+        """Motion at or after `since_ns` had wrong timestamps: it shows nothing."""
         self._shown_ns = {name: t_ns for name, t_ns in self._shown_ns.items() if t_ns < since_ns}
+
+    def predate(self, since_ns: int) -> None:
+        """Motion at or after `since_ns` had wrong timestamps: a contradiction by it counts as one of just before."""
         self._contradictions = {
             name: replace(contradiction, until_ns=min(contradiction.until_ns, since_ns - 1))
             for name, contradiction in self._contradictions.items()

@@ -86,7 +86,8 @@ def test_what_was_shown_stands_until_motion_contradicts_it() -> None:
     assert known.look_at_tissue(0.0) == 0, "nothing of it is in the window any more"
     known.restart()
     assert known.tissue == 0, "the tissue is the same under another calibration"
-    known.restart(elsewhere=True)
+    known.restart()
+    known.forget_tissue()
     assert known.tissue == ALL
 
 

@@ -158,6 +158,7 @@ def test_motion_of_the_future_shows_nothing_and_holds_nothing_up() -> None:
     verification = all_shown(500.0)
     verification.contradict([check("offset-axial", value=9.0)], frozenset(), 500 * S)
     verification.forget(6 * S)
+    verification.predate(6 * S)
     assert verification.status.verified_ns is None
     assert verification.last_contradiction_ns == 6 * S - 1
 
