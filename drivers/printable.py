@@ -27,6 +27,8 @@ the gesture. Sequences that a terminal answers, that set its title or clipboard,
 
 def printable(text: str, longest: int = LONGEST_WORDS) -> str:
     """One line of at most so many characters: U+FFFD for what cannot be printed, an ellipsis for what was left out."""
+    if len(text) <= longest and text.isprintable():
+        return str(text)
     shown = _replaced(text[:longest], "")
     return shown if len(text) <= longest else f"{shown[: longest - 1]}…"
 
@@ -43,9 +45,11 @@ def printable_lines(text: str) -> str:
 
 def printable_value(value: Any) -> Any:
     """What JSON can hold, with every text in it, keys too, made printable."""
+    if value is None or isinstance(value, int | float):  # most of a status, which is asked for many times a second
+        return value
     if isinstance(value, str):
         return printable(value, LONGEST_TEXT)
-    if isinstance(value, Mapping):
+    if isinstance(value, (dict, Mapping)):  # dict first: to ask the abstract class takes long
         return {printable(str(key)): printable_value(one) for key, one in value.items()}
     if isinstance(value, list | tuple):
         return [printable_value(one) for one in value]
