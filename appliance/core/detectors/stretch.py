@@ -155,7 +155,7 @@ def _parts(before: Array32, now: Array32) -> tuple[Array, Array]:
 def _found(around: Array32, part: Array32) -> tuple[float, float] | None:
     """Column and row of the part in what is around, to a fraction of a px; None where it is not there, or at the edge
     of it: then it may be beyond."""
-    if part.std() == 0 or around.std() == 0:
+    if _is_even(part) or _is_even(around):
         return None
     likeness = np.asarray(cv2.matchTemplate(around, part, cv2.TM_CCOEFF_NORMED), np.float32)
     _, best, _, (column, row) = cv2.minMaxLoc(likeness)
@@ -163,6 +163,12 @@ def _found(around: Array32, part: Array32) -> tuple[float, float] | None:
     if best < _LEAST_ALIKE or not (0 < column < columns - 1 and 0 < row < rows - 1):
         return None
     return column + _vertex(likeness[row], column), row + _vertex(likeness[:, column], row)
+
+
+def _is_even(image: Array32) -> bool:
+    """Whether all of it has one grey level."""
+    darkest, brightest, _, _ = cv2.minMaxLoc(image)
+    return darkest == brightest
 
 
 def _vertex(values: Array32, peak: int) -> float:
