@@ -12,6 +12,7 @@ from drivers.errors import ConfigurationError
 from drivers.files.atomic_file import check_replaceable, replacing
 from tools.monitoring.endpoint import Endpoint
 from tools.monitoring.reading import Exposition
+from tools.shared.absent_service import warn_if_absent
 from tools.shared.called_host import endpoint_text
 from tools.shared.named_cart import socket_option
 
@@ -81,6 +82,7 @@ def command(
             endpoint = served.enter_context(Endpoint(*_address(listen), exposition.text, hosts))
             host, port = str(endpoint.server_address[0]), int(endpoint.server_address[1])
             click.echo(f"http://{endpoint_text(host, port)}/metrics")
+        warn_if_absent(control_socket)
         _write_until(stop, textfile, every_s, exposition)
 
 

@@ -10,6 +10,7 @@ import click
 
 from tools.monitoring.mqtt import Publisher, broker_of
 from tools.monitoring.reading import read_status
+from tools.shared.absent_service import warn_if_absent
 from tools.shared.named_cart import socket_option
 
 _FILE = click.Path(dir_okay=False, path_type=Path)
@@ -66,6 +67,7 @@ def command(
       probewatch mqtt --broker mqtts://broker.example --user cart-2 --password-file /etc/probewatch/mqtt-password
     """
     where = broker_of(broker, user, password_file, ca, certificate, key)
+    warn_if_absent(control_socket)
     stop = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stop.set())

@@ -11,6 +11,7 @@ from tools.openigtlink.asked import USUAL_NAMES, Names
 from tools.openigtlink.passage import Passage
 from tools.openigtlink.server import StateServer
 from tools.openigtlink.wording import NAMES
+from tools.shared.absent_service import warn_if_absent
 from tools.shared.called_host import endpoint_text
 from tools.shared.named_cart import socket_option
 from tools.shared.status_watch import StatusWatch
@@ -85,6 +86,7 @@ def command(
         if not _is_loopback(host):
             words = "anyone who reaches this address can read the state: OpenIGTLink has no password"
             click.echo(f"probewatch: {words}", err=True)
+        warn_if_absent(control_socket)
         server.run(stop)
 
 

@@ -21,6 +21,7 @@ from tools.page.server import Page, Parts
 from tools.page.token_socket import Door, invitation
 from tools.page.tokens import TOKEN_S, Tokens
 from tools.recalibration.session import ScanSession
+from tools.shared.absent_service import warn_if_absent
 from tools.shared.called_host import endpoint_text
 from tools.shared.named_cart import config_option
 from tools.shared.status_watch import StatusWatch
@@ -104,6 +105,7 @@ def command(
         else:
             click.echo(url)
         click.echo(_how_to_ask(served), err=True)
+        warn_if_absent(control)
         parts = Parts(watch, pictures, session, alarms, Asking(control), tokens, cart, _called(host, hosts))
         _serve(Page(parts), listener)
 

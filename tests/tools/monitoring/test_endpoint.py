@@ -169,8 +169,9 @@ def test_it_says_where_it_serves_and_ends_by_ctrl_c(tmp_path: Path) -> None:
     with urllib.request.urlopen(said, timeout=10) as answer:
         assert b"probewatch_up 0.0" in answer.read()
     program.send_signal(signal.SIGINT)
-    assert program.communicate(timeout=20) == ("", "")
-    assert (program.returncode, said.endswith("/metrics")) == (0, True)
+    rest, told = program.communicate(timeout=20)
+    assert (program.returncode, rest, said.endswith("/metrics")) == (0, "", True)
+    assert told.startswith(f"{tmp_path / 'nobody'}: no service answers (No such file or directory). Start it: ")
 
 
 def test_once_without_a_service(tmp_path: Path) -> None:

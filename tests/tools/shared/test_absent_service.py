@@ -1,0 +1,17 @@
+"""What runs beside the service says at its start that there is none."""
+
+from pathlib import Path
+
+import pytest
+
+from tests.support.answering import Answering
+from tools.shared.absent_service import warn_if_absent
+
+
+def test_a_missing_service_is_told_and_one_that_answers_is_not(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with Answering(tmp_path / "control"):
+        warn_if_absent(tmp_path / "control")
+    assert capsys.readouterr() == ("", "")
+    warn_if_absent(tmp_path / "control")
+    told = capsys.readouterr()
+    assert (told.out, f"{tmp_path / 'control'}: no service answers" in told.err) == ("", True)

@@ -1,0 +1,20 @@
+"""Says at the start of a command that runs beside the service that no service answers yet."""
+
+from pathlib import Path
+
+import click
+
+from appliance.service.control.client import ControlClient
+from drivers.errors import ProbewatchError
+
+_ANSWER_S = 1.0
+"""For the service to answer: twenty ticks. Longer only delays the start of the command."""
+
+
+def warn_if_absent(control: Path) -> None:
+    """Says on stderr why no service answers at its control socket. The command goes on and waits for one."""
+    try:
+        with ControlClient(control, _ANSWER_S) as client:
+            client.status()
+    except ProbewatchError as error:
+        click.echo(f"{error}. Until it answers, this program runs without it", err=True)
