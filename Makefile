@@ -10,11 +10,15 @@ unexport PYTHONDONTWRITEBYTECODE
 ONE_THREAD := env OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test lint types contracts quick thorough invariant \
+.PHONY: help help-all setup demo test lint types contracts quick thorough invariant \
   gate-proof release-check failures live mutation pythons slow test-arm64 evidence evidence-full false-alarms coverage-page crosswire crosswire-scans test-deb test-cart soak igtl-soak onlookers repeat coverage bench paper deb docs lock vulnerabilities clean
 
-help: ## list the targets
-	@awk -F ':.*## ' '/^##@ /{print "\n" substr($$0, 5)} /^[a-z0-9-]+:.*## /{printf "  %-13s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+help: ##+ list the targets of every day
+	@awk -F ':.*## ' '/^##@ /{title = "\n" substr($$0, 5)} /^[a-z0-9-]+:.*## /{if (title) print title; title = ""; printf "  %-14s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@printf '\nAll others: make help-all\n'
+
+help-all: ##+ list every target
+	@awk -F ':.*##[+]? ' '/^##@ /{print "\n" substr($$0, 5)} /^[a-z0-9-]+:.*##[+]? /{printf "  %-16s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 ##@ First
 
@@ -71,49 +75,49 @@ mutation: $(VENV)/dev ## changes the supervisor in one place after the other; th
 pythons: $(VENV)/dev ## the quick tests on the other Pythons this machine has; 3.13 from Debian's mirror, if need be (root); VERSIONS=3.13 for one, --by-turns for that of this commit and a third of the tests, as in the gate
 	$(BIN)/python -m tests.rules.pythons $(VERSIONS)
 
-slow: $(VENV)/dev ## the slow tests: statistics, memory over ten minutes
+slow: $(VENV)/dev ##+ the slow tests: statistics, memory over ten minutes
 	$(BIN)/pytest -m "slow and not cart" -n 2
 
 MEASURED = exec $(ONE_THREAD) $(BIN)/python -m tools.development.evidence
 WHERE = $(if $(SEEDS),--seeds $(SEEDS)) $(if $(JOBS),--jobs $(JOBS)) $(if $(SCHEDULER),--scheduler $(SCHEDULER))
-evidence: $(VENV)/dev ## the short study of hazards and false alarms: docs/evidence.md (for two idle processors, about ten minutes)
+evidence: $(VENV)/dev ##+ the short study of hazards and false alarms: docs/evidence.md (for two idle processors, about ten minutes)
 	$(MEASURED) short $(WHERE)
 	$(BIN)/python -m tools.development.manual
 
-evidence-full: $(VENV)/dev ## the same over 1,000 simulated hours: about 200 hours of one processor; SCHEDULER=tcp://… for a Dask cluster
+evidence-full: $(VENV)/dev ##+ the same over 1,000 simulated hours: about 200 hours of one processor; SCHEDULER=tcp://… for a Dask cluster
 	$(MEASURED) full $(WHERE)
 	$(BIN)/python -m tools.development.manual
 
-false-alarms: $(VENV)/dev ## signs and names in healthy scanning, on paths without pictures (an hour of one processor for SEEDS=2; goes on where it ended)
+false-alarms: $(VENV)/dev ##+ signs and names in healthy scanning, on paths without pictures (an hour of one processor for SEEDS=2; goes on where it ended)
 	exec $(ONE_THREAD) $(BIN)/python -m tools.development.false_alarms $(if $(SEEDS),--seeds $(SEEDS)) $(if $(JOBS),--jobs $(JOBS))
 	$(BIN)/python -m tools.development.manual
 
-coverage-page: $(VENV)/dev ## how often healthy scanning is verified: docs/coverage.md (for two idle processors, about fifteen minutes)
+coverage-page: $(VENV)/dev ##+ how often healthy scanning is verified: docs/coverage.md (for two idle processors, about fifteen minutes)
 	$(MEASURED) coverage $(WHERE)
 	$(BIN)/python -m tools.development.manual
 
-test-deb: deb ## builds the packages, then looks at what is in them and runs what this machine's Python can
+test-deb: deb ##+ builds the packages, then looks at what is in them and runs what this machine's Python can
 	$(BIN)/pytest -n 0 -m deb -rs tests/systemd/test_deb.py
 
-test-cart: $(VENV)/dev ## a whole machine: package, service, kernel devices, power cuts (root; 13 to 18 minutes)
+test-cart: $(VENV)/dev ##+ a whole machine: package, service, kernel devices, power cuts (root; 13 to 18 minutes)
 	$(BIN)/pytest -vv -n 2 --dist loadfile --no-loadscope-reorder -m "cart and not slow" -rsP --durations=20 \
 	  --ignore=tests/cart/test_guest_plugs.py tests/cart
 	$(BIN)/pytest -vv -n 0 -m "cart and not slow" -rsP tests/cart/test_guest_plugs.py
 
-test-arm64: $(VENV)/dev ## the package for arm64 under qemu-user: figures beside this machine's, then the quick tests (root; hours); ARM64_TESTS=tests/drivers for some
+test-arm64: $(VENV)/dev ##+ the package for arm64 under qemu-user: figures beside this machine's, then the quick tests (root; hours); ARM64_TESTS=tests/drivers for some
 	$(BIN)/python -m tests.arm64 $(ARM64_TESTS)
 
 HOURS ?= 8
-igtl-soak: $(VENV)/dev ## the OpenIGTLink traffic of 8 hours, as fast as it goes: memory and descriptors (some twelve minutes)
+igtl-soak: $(VENV)/dev ##+ the OpenIGTLink traffic of 8 hours, as fast as it goes: memory and descriptors (some twelve minutes)
 	$(BIN)/python -m tests.tools.openigtlink.soak $(HOURS)
 
-soak: $(VENV)/dev ## half an hour of service in a container: memory, files, dropped frames, processor share (root)
+soak: $(VENV)/dev ##+ half an hour of service in a container: memory, files, dropped frames, processor share (root)
 	$(BIN)/pytest -m "cart and slow" -rs -s tests/cart
 
 ##@ Looking closer
 
 TIMES ?= 50
-repeat: $(VENV)/dev ## one test fifty times: make repeat TEST=tests/live/test_failures.py
+repeat: $(VENV)/dev ##+ one test fifty times: make repeat TEST=tests/live/test_failures.py
 	@failed=0; for i in $$(seq $(TIMES)); do $(BIN)/pytest -q $(TEST) || { failed=$$((failed + 1)); echo "repeat $$i failed"; }; \
 	  done; echo "$$failed of $(TIMES) repeats failed"; [ "$$failed" -eq 0 ]
 
@@ -125,18 +129,18 @@ bench: $(VENV)/bench ## registration beside its peers and bounds, the cost of th
 	$(BIN)/python -m tests.bench
 
 SWITCHES ?= 400
-onlookers: $(VENV)/dev ## from detecting to the open contact, with everything that looks on and without, in turns: p99 and its interval (half an hour)
+onlookers: $(VENV)/dev ##+ from detecting to the open contact, with everything that looks on and without, in turns: p99 and its interval (half an hour)
 	$(BIN)/python -m tests.bench.onlookers $(SWITCHES)
 
 VIEWS ?= 2000
 SCANS ?= 200
-crosswire: $(VENV)/dev ## the cross-wire tool on 2,000 rendered views, on as many held out and of another renderer, and on 200 scans (half an hour of one processor)
+crosswire: $(VENV)/dev ##+ the cross-wire tool on 2,000 rendered views, on as many held out and of another renderer, and on 200 scans (half an hour of one processor)
 	exec $(ONE_THREAD) $(BIN)/python -m tests.crosswire $(VIEWS) $(SCANS)
 
-crosswire-scans: $(VENV)/dev ## 200 guided scans with pictures, held out; goes on where the last run ended (an hour and a half of one processor)
+crosswire-scans: $(VENV)/dev ##+ 200 guided scans with pictures, held out; goes on where the last run ended (an hour and a half of one processor)
 	exec $(ONE_THREAD) $(BIN)/python -m tests.crosswire pictures $(SCANS) results/crosswire-scans.jsonl
 
-paper: $(VENV)/dev ## Table 1 and Figure 4 of the paper on the simulator: results/paper, docs/paper.md
+paper: $(VENV)/dev ##+ Table 1 and Figure 4 of the paper on the simulator: results/paper, docs/paper.md
 	$(BIN)/python -m tests.paper
 
 ##@ Making
@@ -147,7 +151,7 @@ deb: $(VENV)/dev ## the Debian packages for bookworm and trixie, in dist/; SUITE
 docs: $(VENV)/dev ## write pages, tables and the unit's DeviceAllow from tables, drivers, code, tests and the last study
 	$(BIN)/python -m tools.development.manual
 
-lock: $(VENV)/dev ## resolve the lock files again from pyproject.toml
+lock: $(VENV)/dev ##+ resolve the lock files again from pyproject.toml
 	$(BIN)/pip install --quiet uv
 	$(BIN)/uv pip compile --quiet --universal --no-strip-extras --python-version 3.11 --generate-hashes --no-annotate \
 	  --custom-compile-command 'make lock' --extra dev pyproject.toml -o requirements-dev.lock
@@ -157,7 +161,7 @@ lock: $(VENV)/dev ## resolve the lock files again from pyproject.toml
 	  --custom-compile-command 'make lock' -c requirements-dev.lock --extra bench pyproject.toml -o requirements-bench.lock
 
 AUDIT := .venv-audit
-vulnerabilities: $(VENV)/bin/python ## pip-audit of what the package is made of; exit code 2 and "not checked" without its database
+vulnerabilities: $(VENV)/bin/python ##+ pip-audit of what the package is made of; exit code 2 and "not checked" without its database
 	@[ -x $(AUDIT)/bin/pip-audit ] || { $(PYTHON) -m venv $(AUDIT) && $(AUDIT)/bin/pip install --quiet 'pip-audit>=2.7,<3'; } || \
 	  { echo "NOT CHECKED: pip-audit cannot be installed here" >&2; exit 2; }
 	$(BIN)/python -m tools.development.vulnerabilities $(AUDIT)/bin/pip-audit requirements.lock

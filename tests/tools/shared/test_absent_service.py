@@ -8,7 +8,9 @@ from tests.support.answering import Answering
 from tools.shared.absent_service import warn_if_absent
 
 
-def test_a_missing_service_is_told_and_one_that_answers_is_not(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_missing_service_is_told_and_one_that_answers_is_not(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     with Answering(tmp_path / "control"):
         warn_if_absent(tmp_path / "control")
     assert capsys.readouterr() == ("", "")
