@@ -122,6 +122,7 @@ def reached(path: Path) -> bool:
     return True
 
 
+@pytest.mark.alone
 def test_the_self_test_of_a_moving_cart_is_kept_and_names_what_is_not_green(cart: Cart) -> None:
     """The simulated hand never rests, and nobody sees the lamps: everything else is green, or says why."""
     cart.wait_for("monitoring", 60)

@@ -139,6 +139,7 @@ def served_again(day: Day) -> None:
     day.waits_for_a_calibration()
 
 
+@pytest.mark.alone
 def test_what_is_configured_is_what_was_answered_and_the_service_takes_it(day: Day) -> None:
     configured(day)
     config = load_config(day.file)

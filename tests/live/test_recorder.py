@@ -62,6 +62,7 @@ def replayed(cart: Cart) -> dict[str, object]:
     return said
 
 
+@pytest.mark.alone
 def test_what_was_recorded_of_the_demos_cart_says_the_same_bit_for_bit(tmp_path: Path) -> None:
     """From the first picture of a line on: the service is killed while the recorder waits for the next one."""
     with Cart(tmp_path) as cart:
