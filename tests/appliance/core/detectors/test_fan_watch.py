@@ -269,40 +269,45 @@ def test_it_says_whether_motion_agrees_and_that_never_fails(axial_percent: float
     assert told["fan-motion"].value == pytest.approx(-axial_percent, abs=3)
 
 
+HIDDEN = {
+    "in-plane:convex+contact-0.6": 0.0,
+    "in-plane:convex+peel-0.6": 0.1,
+    "in-plane:convex+ribs-2": 0.3,
+    "hold:convex+organ-8-axial+peel-0.6": 0.1,
+    "in-plane:still+peel-0.6": 0.1,
+}
+"""Session and tissue whose fan is hidden, with the share of the pictures in which it is seen at most."""
+
 HEALTHY = (
     *("gesture:convex", "in-plane:convex", "mixed:convex", "elevational-20:convex", "hold:convex", "fan:convex"),
-    *(f"in-plane:convex+{part}" for part in ("contact-0.6", "peel-0.6", "ribs-1", "ribs-2", "gas-1", "gas-2")),
+    *(f"in-plane:convex+{part}" for part in ("ribs-1", "gas-1", "gas-2")),
     *(f"in-plane:convex+{part}" for part in ("smoothing", "jpeg-40", "persistence-0.6", "slow", "needle", "layers")),
-    *(
-        "hold:convex+organ-8-axial+peel-0.6",
-        "mixed:convex+ribs-1+jpeg-40+slow",
-        "in-plane:still",
-        "in-plane:still+peel-0.6",
-    ),
+    *("mixed:convex+ribs-1+jpeg-40+slow", "in-plane:still", *HIDDEN),
 )
 """Session and tissue. The sector of `still` is round in pixels, and its apex as far."""
 
 
-@pytest.mark.thorough
-def test_no_healthy_session_is_named() -> None:
-    """22 sessions of half a minute, as they are and with a gain that wanders."""
-    looked = visible = 0
-    for one in HEALTHY:
-        name, _, tissue = one.partition(":")
-        session = Session(name, tissue, 2, 30.0)
-        images = rendered(session, sessions())
-        for gained in (False, True):
-            watched = Watched(session.reference)
-            for k, image in enumerate(images):
-                gain = (1.0, 1.4, 0.6, 0.4)[k // 45 % 4] if gained else 1.0
-                told = watched.see(np.asarray(cv2.convertScaleAbs(image, alpha=gain), np.uint8))
-                assert not any(check.verdict is VerdictKind.FAULT for check in told.values()), one
-                looked, visible = looked + 1, visible + any(not np.isnan(check.value) for check in told.values())
-                if k % 10 == 9:
-                    watched.shown()
-            assert not watched.changed, one
-    print(f"{looked} pictures, a fan in {100 * visible / looked:.0f} % of them, none named")
-    assert visible > 0.6 * looked
+@pytest.mark.parametrize(
+    "duration_s", [pytest.param(10.0, marks=pytest.mark.thorough), pytest.param(30.0, marks=pytest.mark.slow)]
+)
+@pytest.mark.parametrize("one", HEALTHY)
+def test_no_healthy_session_is_named(one: str, duration_s: float) -> None:
+    """The session as it is and with a gain that wanders."""
+    name, _, tissue = one.partition(":")
+    session = Session(name, tissue, 2, duration_s)
+    images = rendered(session, sessions())
+    for gained in (False, True):
+        watched, visible = Watched(session.reference), 0
+        for k, image in enumerate(images):
+            gain = (1.0, 1.4, 0.6, 0.4)[k // 45 % 4] if gained else 1.0
+            told = watched.see(np.asarray(cv2.convertScaleAbs(image, alpha=gain), np.uint8))
+            assert not any(check.verdict is VerdictKind.FAULT for check in told.values())
+            visible += any(not np.isnan(check.value) for check in told.values())
+            if k % 10 == 9:
+                watched.shown()
+        assert not watched.changed
+        share = visible / len(images)
+        assert share <= HIDDEN[one] if one in HIDDEN else share > 0.8, share
 
 
 @pytest.mark.thorough
