@@ -6,7 +6,10 @@ What each says of itself, DRIVERS, is read without importing it (drivers/descrip
 from drivers.descriptor import CAMERA, FILM, SOCKET, STREAM, VIDEO_NODE, Driver, Option, Twin
 from drivers.video.crop import CROP, ORIENTATION
 
-_FORMATS = ("GREY", "NV12", "YU12", "YV12", "YUYV", "UYVY", "RGB3", "BGR3", "MJPG")
+_FORMATS = (
+    *("GREY", "NV12", "NV21", "YU12", "YV12", "NV16", "NV61", "422P", "YUYV", "YVYU", "UYVY", "VYUY"),
+    *("RGB3", "BGR3", "XR24", "AR24", "BGR4", "MJPG", "JPEG"),
+)
 """V4L2's codes of the pixels that `v4l2/pixels.py` makes grey; grabbers for scanners offer one of them, as far as
 known. Each more is a few lines there."""
 _RATES_HZ, _INPUTS = (1, 1000), (0, 63)

@@ -93,6 +93,7 @@ def negotiate(node: Node, requested: RequestedFormat) -> Agreed:
     pix = _set_format(node, requested)
     rate_hz, remarks = _set_rate(node, requested.rate_hz)
     rate_hz = timings_hz if math.isnan(rate_hz) else rate_hz
+    remarks = (*remarks, *_of_slow(node, requested, abi.fourcc_text(pix.pixelformat), rate_hz))
     if math.isnan(rate_hz):
         remarks = (*remarks, f"it does not report its rate, {_USUAL_HZ:.0f} per second is taken for the time bound")
     code = abi.fourcc_text(pix.pixelformat)
@@ -198,6 +199,16 @@ def _quick_enough(node: Node, requested: RequestedFormat, known: list[str]) -> s
         if not rates_hz[code] < wanted_hz * (1 - _RATE_TOLERANCE):  # one that is not told is no reason to go on
             return code
     return max(rates_hz, key=rates_hz.__getitem__, default=known[0])
+
+
+def _of_slow(node: Node, requested: RequestedFormat, code: str, rate_hz: float) -> tuple[str, ...]:
+    """What to try where pictures come seldom: not every driver reports the rate of a format before it streams."""
+    if not rate_hz < _ENOUGH_HZ or (requested.rate_hz is not None and requested.rate_hz < _ENOUGH_HZ):
+        return ()
+    offered = _offered(node)
+    others = " or ".join(f"format={one}" for one in FORMATS if one in offered and one != code)
+    remedy = f"{others} may come more often, or a smaller size=" if others else "A smaller size= may come more often"
+    return (f"{code} comes {rate_hz:g} times a second by the word of the device. {remedy}",)
 
 
 def _require_format(node: Node, pix: abi.PixFormat, requested: RequestedFormat, code: str) -> None:

@@ -1,5 +1,6 @@
 """Captured bytes → grey picture. Luminance is passed on as the device gives it, without stretching its range."""
 
+import re
 from collections.abc import Callable
 
 import cv2
@@ -11,8 +12,12 @@ from drivers.samples import GreyImage
 Bytes = NDArray[np.uint8]
 
 
-_EMPTY, _FILL = b"\xff\xd8\xff\xd9", b"\0\xff"
-"""A JPEG of nothing, as encoders send between two pictures; and bytes that fill the rest of a buffer."""
+_JPEG_BEGINS = re.compile(rb"\xff\xd8\xff(?![\xd8\xd9\xff])")
+"""A JPEG that holds something: encoders send empty ones, which end at once, between two pictures."""
+_JPEG_MARKER = re.compile(rb"\xff([^\x00\xff])")
+_JPEG_BEGIN, _JPEG_ENDS, _JPEG_SCAN = 0xD8, 0xD9, 0xDA
+_JPEG_PAUSES = range(0xD0, 0xD8)
+"""Markers amid the pixels of a JPEG, after which they go on."""
 
 
 class BrokenPicture(ValueError):  # noqa: N818  what it is, not an error of ours
@@ -33,17 +38,17 @@ def _rows(data: Bytes, width_bytes: int, height: int, bytes_per_line: int) -> By
 
 
 def _grey(data: Bytes, width: int, height: int, bytes_per_line: int) -> GreyImage:
-    """GREY, and NV12, YU12 and YV12, whose first plane is the luminance."""
+    """GREY, and what has its luminance in a first plane: NV12, YU12 and others of their kind."""
     return _rows(data, width, height, bytes_per_line)
 
 
 def _yuyv(data: Bytes, width: int, height: int, bytes_per_line: int) -> GreyImage:
-    """Y0 U Y1 V: every second byte."""
+    """Y0 U Y1 V, or V before U: every second byte."""
     return _rows(data, 2 * width, height, bytes_per_line)[:, ::2]
 
 
 def _uyvy(data: Bytes, width: int, height: int, bytes_per_line: int) -> GreyImage:
-    """U Y0 V Y1: every second byte, from the second on."""
+    """U Y0 V Y1, or V before U: every second byte, from the second on."""
     return _rows(data, 2 * width, height, bytes_per_line)[:, 1::2]
 
 
@@ -59,18 +64,18 @@ def _rgb(data: Bytes, width: int, height: int, bytes_per_line: int) -> GreyImage
     return np.asarray(cv2.cvtColor(rows.reshape(height, width, 3), cv2.COLOR_RGB2GRAY), np.uint8)
 
 
+def _bgrx(data: Bytes, width: int, height: int, bytes_per_line: int) -> GreyImage:
+    """B G R and a byte that says nothing here, by the weights of Rec. 601."""
+    rows = _rows(data, 4 * width, height, bytes_per_line)
+    return np.asarray(cv2.cvtColor(rows.reshape(height, width, 4), cv2.COLOR_BGRA2GRAY), np.uint8)
+
+
 def _mjpeg(data: Bytes, width: int, height: int, _bytes_per_line: int) -> GreyImage:
-    """A damaged or cut JPEG is refused, not shown in part. Empty ones before and after it, and what fills the buffer,
-    are none of it.
+    """A damaged or cut JPEG is refused, not shown in part. Empty ones before it, and what fills the buffer before and
+    behind it, are none of it.
     """
-    whole = data.tobytes().rstrip(_FILL)
-    while whole.endswith(_EMPTY):
-        whole = whole.removesuffix(_EMPTY).rstrip(_FILL)
-    while whole.startswith(_EMPTY):
-        whole = whole.removeprefix(_EMPTY).lstrip(b"\0")
-    image = None
-    if whole.startswith(b"\xff\xd8") and whole.endswith(b"\xff\xd9"):
-        image = cv2.imdecode(np.frombuffer(whole, np.uint8), cv2.IMREAD_GRAYSCALE)
+    whole = _whole_jpeg(data.tobytes())
+    image = cv2.imdecode(np.frombuffer(whole, np.uint8), cv2.IMREAD_GRAYSCALE) if whole else None
     if image is None:
         raise BrokenPicture("is not a whole JPEG picture")
     if image.shape != (height, width):
@@ -78,16 +83,33 @@ def _mjpeg(data: Bytes, width: int, height: int, _bytes_per_line: int) -> GreyIm
     return np.asarray(image, np.uint8)
 
 
+def _whole_jpeg(data: bytes) -> bytes:
+    """The first JPEG with segments, to its own end; empty where it does not end, or another begins before."""
+    begun = _JPEG_BEGINS.search(data)
+    if begun is None:
+        return b""
+    start, at, scanned = begun.start(), begun.start() + 2, False
+    while (found := _JPEG_MARKER.search(data, at)) is not None:
+        marker, at = found[1][0], found.end()
+        if marker == _JPEG_ENDS:
+            return data[start:at] if scanned else b""
+        if marker in _JPEG_PAUSES:
+            continue
+        if marker == _JPEG_BEGIN:
+            return b""
+        scanned |= marker == _JPEG_SCAN
+        at += int.from_bytes(data[at : at + 2], "big")
+    return b""
+
+
 _DECODERS: dict[str, Callable[[Bytes, int, int, int], GreyImage]] = {
-    "GREY": _grey,
-    "NV12": _grey,
-    "YU12": _grey,
-    "YV12": _grey,
-    "YUYV": _yuyv,
-    "UYVY": _uyvy,
+    **dict.fromkeys(("GREY", "NV12", "NV21", "YU12", "YV12", "NV16", "NV61", "422P"), _grey),
+    **dict.fromkeys(("YUYV", "YVYU"), _yuyv),
+    **dict.fromkeys(("UYVY", "VYUY"), _uyvy),
     "RGB3": _rgb,
     "BGR3": _bgr,
-    "MJPG": _mjpeg,
+    **dict.fromkeys(("XR24", "AR24", "BGR4"), _bgrx),
+    **dict.fromkeys(("MJPG", "JPEG"), _mjpeg),
 }
 
 FORMATS = tuple(_DECODERS)

@@ -84,11 +84,39 @@ def test_mjpeg_with_filling_bytes() -> None:
     assert np.abs(shown.astype(int) - image).mean() < 8
 
 
+@pytest.mark.parametrize(("code", "conversion"), [("YVYU", cv2.COLOR_YUV2GRAY_YVYU), ("VYUY", cv2.COLOR_YUV2GRAY_UYVY)])
+def test_the_order_of_the_chroma_makes_no_difference(code: str, conversion: int) -> None:
+    rows = np.roll(yuyv_of(scene()[..., 0]), code == "VYUY", axis=1)
+    data, stride = padded(rows)
+    np.testing.assert_array_equal(grey(code, data, W, H, stride), cv2.cvtColor(rows.reshape(H, W, 2), conversion))
+
+
+@pytest.mark.parametrize("code", ["NV21", "NV16", "NV61", "422P"])
+def test_other_planes_of_chroma_are_left_as_well(code: str) -> None:
+    planes = np.random.default_rng(6).integers(0, 256, (2 * H, W), np.uint8)
+    data, stride = padded(planes)
+    np.testing.assert_array_equal(grey(code, data, W, H, stride), planes[:H])
+
+
+@pytest.mark.parametrize("code", ["XR24", "AR24", "BGR4"])
+def test_the_fourth_byte_of_a_colour_is_left(code: str) -> None:
+    fourth = np.random.default_rng(7).integers(0, 256, (H, W, 1), np.uint8)
+    data, stride = padded(np.concatenate([scene(), fourth], axis=2).reshape(H, 4 * W))
+    np.testing.assert_array_equal(grey(code, data, W, H, stride), cv2.cvtColor(scene(), cv2.COLOR_BGR2GRAY))
+
+
 NOTHING = b"\xff\xd8\xff\xd9"
 
 
 @pytest.mark.parametrize(
-    ("before", "behind"), [(2 * NOTHING, NOTHING), (b"", b"\xff" * 32), (NOTHING + b"\0", b"\0\xff" + NOTHING + b"\0")]
+    ("before", "behind"),
+    [
+        (2 * NOTHING, NOTHING),
+        (b"", b"\xff" * 32),
+        (NOTHING + b"\0", b"\0\xff" + NOTHING + b"\0"),
+        (b"", b"what the buffer held before"),
+        (b"header of a grabber", b"\xaa\x55"),
+    ],
 )
 def test_empty_jpegs_and_filling_bytes_are_none_of_the_picture(before: bytes, behind: bytes) -> None:
     _, jpeg = cv2.imencode(".jpg", scene())
@@ -97,6 +125,24 @@ def test_empty_jpegs_and_filling_bytes_are_none_of_the_picture(before: bytes, be
     cut = before + jpeg.tobytes()[:-40] + behind
     with pytest.raises(BrokenPicture, match="not a whole"):
         grey("MJPG", np.frombuffer(cut, np.uint8), W, H, 0)
+
+
+@pytest.mark.parametrize("way", [[cv2.IMWRITE_JPEG_RST_INTERVAL, 2], [cv2.IMWRITE_JPEG_PROGRESSIVE, 1]])
+def test_every_kind_of_jpeg_is_read_to_its_own_end(way: list[int]) -> None:
+    """Restarts amid the pixels, several scans, and a small picture within a segment of its own, as cameras write it."""
+    _, jpeg = cv2.imencode(".jpg", scene(), way)
+    thumbnail = cv2.imencode(".jpg", scene()[:8, :8])[1].tobytes()
+    segment = b"\xff\xe1" + (2 + len(thumbnail)).to_bytes(2, "big") + thumbnail
+    whole = jpeg.tobytes()[:2] + segment + jpeg.tobytes()[2:]
+    for code in ("MJPG", "JPEG"):
+        shown = grey(code, np.frombuffer(whole + b"left", np.uint8), W, H, 0)
+        np.testing.assert_array_equal(shown, cv2.imdecode(jpeg, cv2.IMREAD_GRAYSCALE))
+
+
+def test_a_cut_jpeg_before_a_whole_one_is_not_shown_in_part() -> None:
+    _, jpeg = cv2.imencode(".jpg", scene())
+    with pytest.raises(BrokenPicture, match="not a whole"):
+        grey("MJPG", np.frombuffer(jpeg.tobytes()[:-40] + jpeg.tobytes(), np.uint8), W, H, 0)
 
 
 @pytest.mark.parametrize("code", FORMATS)

@@ -73,6 +73,18 @@ def test_what_comes_often_enough_is_taken_before_what_loses_nothing(
         assert (driver.format, source.describe().rate_hz) == (taken, rates_hz[taken])
 
 
+def test_pictures_that_come_seldom_are_remarked_with_what_may_come_more_often(driver: Driver) -> None:
+    """A driver that keeps its rate while formats change reports 5 Hz of MJPG as well."""
+    driver.formats, driver.rate_hz = ["YUYV", "MJPG"], 5.0
+    told = "YUYV comes 5 times a second by the word of the device. format=MJPG may come more often, or a smaller size="
+    for query, expected in (("", True), ("?rate=5", False), ("?format=YUYV", True)):
+        with opened(query) as source:
+            assert (told in source.describe().remarks) == expected, (query, source.describe().remarks)
+    driver.formats = ["YUYV"]
+    with opened() as source:
+        assert any("A smaller size= may come" in remark for remark in source.describe().remarks)
+
+
 def test_grey_is_preferred_and_another_format_is_taken_when_named(driver: Driver) -> None:
     with opened():
         assert driver.format == "GREY"
