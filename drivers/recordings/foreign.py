@@ -30,6 +30,14 @@ _KINDS = (
     (0, b"BM", "a single picture (BMP)", _PICTURE),
     (0, b"II*\x00", "a TIFF picture", _PICTURE),
     (0, b"MM\x00*", "a TIFF picture", _PICTURE),
+    (0, b"CDF\x01", "a NetCDF or MINC file", "Write its pictures and poses as a PLUS sequence (.igs.mha)"),
+    (0, b"CDF\x02", "a NetCDF or MINC file", "Write its pictures and poses as a PLUS sequence (.igs.mha)"),
+    (0, b"\x00\x00\x01\xba", "an MPEG film", "Convert it to MP4 or MKV, and give its poses with --poses"),
+    (0, b"%PDF", "a PDF", _PICTURE),
+    (0, b"#Insight Transform", "a transform of ITK", "Give it to calibration import, and here the recording"),
+    (0, b"version https://git-lfs", "a pointer of Git LFS, without what it points to", "Fetch the file: git lfs pull"),
+    (0, b"<!DOCTYPE html", "a web page", "A download has failed: load the file itself"),
+    (0, b"<html", "a web page", "A download has failed: load the file itself"),
     (0, b"<", "an XML file", "Give a device set as --calibration, and here the recording (.igs.mha or .mhd)"),
     (0, b"PK\x03\x04", "a ZIP archive or a spreadsheet (XLSX)", _UNPACK),
     (0, b"\xd0\xcf\x11\xe0", "an Office file (XLS)", _AS_CSV),
@@ -62,7 +70,9 @@ def refuse_foreign(head: bytes, path: Path) -> None:
         if b"t_s" in first:
             what = "begins as a table of poses, and its name does not end in .csv"
             raise RecordingError(what, str(path), "Save it with commas as .csv, and give it with --poses")
-        what = f"is no PLUS sequence: its first line {first[:40].decode('utf-8', 'replace')!r} is not 'key = value'"
+        line = first[:40].decode("utf-8", "replace")
+        what = f"is no PLUS sequence: its first line {line!r} is not 'key = value'"
+        what = what if line.strip().isprintable() else "is of a kind that is not known here"
         raise RecordingError(what, str(path), "Give a PLUS or 3D Slicer sequence, a film with --poses, or a black box")
 
 

@@ -11,7 +11,7 @@ import shutil
 import tempfile
 import zlib
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
 from typing import BinaryIO
@@ -23,7 +23,7 @@ from drivers.files.atomic_file import replacing
 from drivers.files.regular_file import reading, refuse_irregular
 from drivers.printable import printable
 from drivers.recordings.foreign import HEAD_BYTES, refuse_foreign
-from drivers.recordings.keys import IMAGE_STATUS, IMAGE_TYPE, ORIENTATION, from_zero, known
+from drivers.recordings.keys import IMAGE_STATUS, IMAGE_TYPE, ORIENTATION, from_zero, known, missing
 from drivers.samples import GreyImage, Matrix4, PoseStatus
 from drivers.trackers.plus_transform import GOOD, TransformReading, rigid_reading, without_matrix
 from drivers.video.crop import FLIPS
@@ -46,7 +46,8 @@ BLOCK_BYTES = 262_144
 """Copied or unpacked at a time: a little less than a picture of 640 × 480. More takes memory, less takes calls. Not
 measured."""
 
-_CHANNELS = "ElementNumberOfChannels"
+_CHANNELS, _SKIPPED = "ElementNumberOfChannels", "HeaderSize"
+_DECIMAL_COMMA = re.compile(r"[+-]?[0-9]+,[0-9]+")
 FRAME_KEY = re.compile(r"Seq_Frame([0-9]{1,9})_(\S+)")
 
 
@@ -94,6 +95,7 @@ class MetaImage:
             seconds = Decimal("NaN")
         if not seconds.is_finite() or not -MAX_STAMP_S <= seconds <= MAX_STAMP_S:
             remedy = "Is it in ms? Divide by 1000" if seconds.is_finite() else "Record again, or fix this line"
+            remedy = "Write it with a decimal point" if _DECIMAL_COMMA.fullmatch(text) else remedy
             raise _refusal(self.path, key, f"{text!r} is not a time in seconds", remedy)
         return round(seconds * 1_000_000_000)
 
@@ -254,6 +256,7 @@ def checked_header(
         raise RecordingError("holds no frames", str(path), "Record again, or give another file")
     entries = _entries(path, frames, count)
     local = general["ElementDataFile"].upper() == "LOCAL"
+    skipped = _integer(path, _SKIPPED, general.get(_SKIPPED, "0"))
     data_path = path if local else _beside(path, general["ElementDataFile"])
     compressed = general.get("CompressedData", "False").upper() == "TRUE"
     sequence = MetaImage(
@@ -262,15 +265,33 @@ def checked_header(
         frames=tuple(entries),
         _orientation=(orientation or general.get(ORIENTATION, "")).upper()[:2],
         _data_path=data_path,
-        _data_offset=offset if local else 0,
+        _data_offset=offset if local else max(0, skipped),
         _compressed=compressed,
         _window_bits=window_bits,
         _channels=channels,
     )
-    if sequence.size_px is not None:
-        _check_pictures(sequence, general, orientation)
-        _check_length(sequence, general)
+    if sequence.size_px is None:
+        return sequence
+    if skipped and (local or compressed or skipped < -1):
+        raise _refusal(path, _SKIPPED, f"is {skipped}, which is read of pictures in a .raw file alone", "Leave it out")
+    _check_pictures(sequence, general, orientation)
+    if skipped == -1:
+        sequence = replace(sequence, _data_offset=_from_the_end(sequence))
+    _check_length(sequence, general)
     return sequence
+
+
+def _from_the_end(sequence: MetaImage) -> int:
+    """Offset of pictures that end with their file, whatever another program has put before them."""
+    refuse_irregular(sequence._data_path)
+    return max(0, sequence._data_path.stat().st_size - _bytes_of(sequence))
+
+
+def _bytes_of(sequence: MetaImage) -> int:
+    """All pictures, not compressed."""
+    assert sequence.size_px is not None
+    width, height = sequence.size_px
+    return width * height * sequence._channels * len(sequence.frames)
 
 
 def _entries(path: Path, frames: dict[int, dict[str, str]], count: int) -> list[dict[str, str]]:
@@ -285,7 +306,13 @@ def _entries(path: Path, frames: dict[int, dict[str, str]], count: int) -> list[
     if len(frames) == count and max(frames) - min(frames) == count - 1:
         what = f"numbers its {count} frames from {numbers}"
         raise RecordingError(f"the header {what}", str(path), "Number them from 0, as PLUS does, or from 1")
+    gap = missing(frames, count)
+    if len(frames) == count:
+        what = f"numbers its {count} frames from {numbers}, without {gap}"
+        raise RecordingError(f"the header {what}", str(path), "Number them one after the other, from 0 or from 1")
     what = f"says {count} frames, the header has fields of {len(frames)}, numbered {numbers}"
+    if len(frames) < count and gap is not None and gap < max(frames):
+        raise _refusal(path, "DimSize", f"{what}, none of frame {gap}", "Give that frame its fields, or record again")
     raise _refusal(path, "DimSize", what, "The header is cut or was edited; copy the file again")
 
 
@@ -343,11 +370,9 @@ def _check_pictures(sequence: MetaImage, general: dict[str, str], orientation: s
 
 def _check_length(sequence: MetaImage, general: dict[str, str]) -> None:
     """Find a file that was cut before any picture is read."""
-    assert sequence.size_px is not None
-    width, height = sequence.size_px
     refuse_irregular(sequence._data_path)
     there = sequence._data_path.stat().st_size - sequence._data_offset
-    needed = width * height * sequence._channels * len(sequence.frames)
+    needed = _bytes_of(sequence)
     key = "DimSize"
     if sequence._compressed:
         key = "CompressedDataSize"
@@ -355,7 +380,10 @@ def _check_length(sequence: MetaImage, general: dict[str, str]) -> None:
     wrong = there < needed if sequence._compressed else there != needed
     if wrong or needed < 0:
         what = f"promises {needed} bytes of pictures, {sequence._data_path.name} has {there}"
-        raise _refusal(sequence.path, key, what, "The file is cut short or was edited; copy it again")
+        remedy = "The file is cut short or was edited; copy it again"
+        if there > needed >= 0 and not sequence._compressed:
+            remedy = "Correct DimSize, or say by HeaderSize how many bytes stand before the pictures"
+        raise _refusal(sequence.path, key, what, remedy)
 
 
 def _integer(path: Path, key: str, text: str) -> int:

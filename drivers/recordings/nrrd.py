@@ -15,7 +15,7 @@ from drivers.errors import RecordingError
 from drivers.files.atomic_file import replacing
 from drivers.files.regular_file import reading, refuse_irregular
 from drivers.printable import printable
-from drivers.recordings.keys import IMAGE_STATUS, IMAGE_TYPE, NAMES, ORIENTATION, index_times
+from drivers.recordings.keys import IMAGE_STATUS, IMAGE_TYPE, NAMES, ORIENTATION, index_times, known
 from drivers.recordings.metaimage import (
     BLOCK_BYTES,
     FRAME_KEY,
@@ -52,8 +52,11 @@ def read_nrrd(path: Path, orientation: str | None = None) -> MetaImage:
             what = f"encoding {encoding!r} is neither raw nor gzip"
             raise RecordingError(what, str(path), "Store it as that, in 3D Slicer or with PLUS")
         named = general.get("data file", general.get("datafile", "LOCAL"))
+        if general.get("line skip", general.get("lineskip", "0")) != "0":
+            raise RecordingError("line skip is not 0", str(path), "Store the pictures without a header of their own")
         general = _with_list(general, len(frames))
         frames = frames or index_times(general, len(general.get("kinds", "").split()) - 1)
+        _refuse_volume(path, general, frames)
         return checked_header(path, _as_metaimage(path, general, encoding, named), frames, offset, orientation, _GZIP)
     except OSError as error:
         raise unreadable(path, error) from error
@@ -103,6 +106,15 @@ def _with_list(general: dict[str, str], count: int) -> dict[str, str]:
     return {**general, "kinds": " ".join([*kinds[:-1], "list"])}
 
 
+def _refuse_volume(path: Path, general: dict[str, str], frames: dict[int, dict[str, str]]) -> None:
+    """Raises RecordingError for two or three axes of space without a field or a time for any picture."""
+    sizes, kinds = general.get("sizes", ""), general.get("kinds", "").lower().split()
+    axes = len(sizes.split()) - (kinds[:1] in (["vector"], ["rgb-color"], ["rgba-color"]))
+    if not frames and axes in (2, _PLANAR_AXES) and not {"list", "time"} & set(kinds):
+        what = f"is a {'volume' if axes == _PLANAR_AXES else 'single picture'} (sizes {sizes}), not a sequence"
+        raise RecordingError(what, str(path), "It has neither times nor poses: give the sequence as it was recorded")
+
+
 def _as_metaimage(path: Path, general: dict[str, str], encoding: str, named: str) -> dict[str, str]:
     """The header in the words of MetaImage."""
     axes = list(zip(general.get("sizes", "").split(), general.get("kinds", "").lower().split(), strict=False))
@@ -123,7 +135,8 @@ def _as_metaimage(path: Path, general: dict[str, str], encoding: str, named: str
         "CompressedData": str(encoding != "raw"),
         "ElementDataFile": named,
         "ElementNumberOfChannels": str(channels),
-        **{name: general[name] for name in NAMES[ORIENTATION] if name in general},
+        "HeaderSize": general.get("byte skip", general.get("byteskip", "0")),
+        **{name: value for name, value in known(general).items() if name == ORIENTATION},
     }
 
 
@@ -149,7 +162,8 @@ def _take(text: str, path: Path, general: dict[str, str], frames: dict[int, dict
     if not colon:
         what = f"header line {text[:40]!r} is neither 'field: value' nor 'key:=value'"
         raise RecordingError(what, str(path), "Give a sequence that 3D Slicer or PLUS has stored")
-    key, value = printable(key.strip()), value.removeprefix("=").strip()
+    key = printable(key.strip())
+    key, value = (key, value[1:].strip()) if value.startswith("=") else (key.lower(), value.strip())
     match = FRAME_KEY.fullmatch(key)
     if match:
         frames.setdefault(int(match[1]), {})[match[2]] = value

@@ -24,7 +24,7 @@ from drivers.recordings.sequence import read_sequence
         (b"\xef\xbb\xbfNRRD0004\n", "an NRRD file behind a byte order mark"),
         (b"\xd0\xcf\x11\xe0" + bytes(20), "an Office file (XLS)"),
         (b"t_s,x_mm,y_mm,z_mm,qw,qx,qy,qz\n", "its name does not end in .csv"),
-        (bytes(400), "is not 'key = value'"),
+        (bytes(400), "is of a kind that is not known here"),
     ],
 )
 def test_it_says_what_it_is_and_not_that_it_is_cut(tmp_path: Path, content: bytes, said: str) -> None:

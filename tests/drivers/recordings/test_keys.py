@@ -24,6 +24,17 @@ def test_each_name_of_a_field_is_read(field: str) -> None:
     assert known(dict.fromkeys(NAMES[field], "other") | {field: "own"})[field] == "own"
 
 
+@pytest.mark.parametrize(
+    "name", ["Ultrasound Image Orientation", "ultrasound_image_orientation", "ULTRASOUNDIMAGEORIENTATION"]
+)
+@pytest.mark.parametrize("suffix", [".igs.mha", ".igs.nrrd"])
+def test_capitals_and_blanks_of_a_name_make_no_difference(tmp_path: Path, name: str, suffix: str) -> None:
+    key = "ultrasound image orientation:=" if suffix == ".igs.nrrd" else f"{ORIENTATION} = "
+    path = written(tmp_path / f"scan{suffix}", (key, key.replace(key.rstrip(" :="), name)))
+    path.write_bytes(path.read_bytes().replace(f"{ORIENTATION}:=MFA\n".encode(), b""))
+    np.testing.assert_array_equal(next(read_sequence(path).pictures()), picture(0))
+
+
 def written(path: Path, *changes: tuple[str, str]) -> Path:
     """Four frames, the third without a picture; then every old text is a new one."""
     four = [replace(item, image=None) if k == 2 else item for k, item in enumerate(items())]
@@ -69,6 +80,87 @@ def test_frames_may_be_numbered_from_one(tmp_path: Path, suffix: str) -> None:
     by_six = [(f"Seq_Frame{k + 1:04d}", f"Seq_Frame{k + 7:04d}") for k in (3, 2, 1, 0)]
     with pytest.raises(RecordingError, match="numbers its 4 frames from 7 to 10"):
         read_sequence(written(tmp_path / f"seven{suffix}", *by_one, *by_six))
+
+
+@pytest.mark.parametrize("suffix", [".igs.mha", ".igs.nrrd"])
+def test_a_frame_that_is_left_out_is_named(tmp_path: Path, suffix: str) -> None:
+    """By a script that keeps every second frame, or that forgot one."""
+    by_two = [(f"Seq_Frame{k:04d}", f"Seq_Frame{2 * k:04d}") for k in (3, 2, 1)]
+    with pytest.raises(RecordingError, match=r"numbers its 4 frames from 0 to 6, without 1. Number them one after"):
+        read_sequence(written(tmp_path / f"two{suffix}", *by_two))
+    with pytest.raises(RecordingError, match=r"fields of 3, numbered 0 to 3, none of frame 2. Give that frame"):
+        read_sequence(written(tmp_path / f"forgot{suffix}", ("Seq_Frame0002", "Other")))
+
+
+def test_a_time_with_a_decimal_comma_is_told_as_that(tmp_path: Path) -> None:
+    path = written(tmp_path / "scan.igs.mha", ("Timestamp = 2588.", "Timestamp = 2588,"))
+    with pytest.raises(
+        RecordingError, match=r"'2588,141729000' is not a time in seconds. Write it with a decimal point"
+    ):
+        read_sequence(path).stamp_ns(0)
+
+
+def test_capitals_of_a_field_of_nrrd_make_no_difference(tmp_path: Path) -> None:
+    """As its definition says of fields, and not of keys."""
+    fields = [(f"\n{name}: ", f"\n{name.upper()}: ") for name in ("type", "sizes", "kinds", "encoding")]
+    path = written(tmp_path / "scan.nrrd", *fields)
+    np.testing.assert_array_equal(next(read_sequence(path).pictures()), picture(0))
+
+
+@pytest.mark.parametrize("skipped", [3, -1])
+def test_what_stands_before_the_pictures_of_another_file_is_skipped(tmp_path: Path, skipped: int) -> None:
+    """HeaderSize of MetaImage, byte skip of NRRD; -1: the pictures end with the file."""
+    write_metaimage(tmp_path / "scan.mhd", items(), SIZE_PX, compressed=False, detached=True)
+    for place, line in (("scan.mhd", f"HeaderSize = {skipped}\n"), ("scan.nhdr", f"byte skip: {skipped}\n")):
+        raw = tmp_path / "scan.raw"
+        raw.write_bytes(b"own" + b"".join(picture(k).tobytes() for k in range(4)))
+        if place == "scan.mhd":
+            text = (tmp_path / place).read_text().replace("ElementDataFile", f"{line}ElementDataFile")
+        else:
+            head = (
+                f"NRRD0004\ntype: uchar\ndimension: 3\nsizes: 7 5 4\nkinds: domain domain list\nencoding: raw\n{line}"
+            )
+            text = f"{head}data file: scan.raw\naxis 2 index values:=0 1 2 3\n"
+        (tmp_path / place).write_text(text)
+        np.testing.assert_array_equal(
+            list(read_sequence(tmp_path / place, "MF").pictures()), [picture(k) for k in range(4)]
+        )
+
+        (tmp_path / place).write_text(text.replace(f" {skipped}\n", " 0\n"))
+        with pytest.raises(RecordingError, match="Correct DimSize, or say by HeaderSize how many bytes stand before"):
+            read_sequence(tmp_path / place, "MF")
+
+
+@pytest.mark.parametrize(
+    ("path", "old", "new", "told"),
+    [
+        (
+            "scan.igs.nrrd",
+            "encoding: gzip",
+            "byte skip: 3\nencoding: gzip",
+            "HeaderSize is 3, which is read of pictures in",
+        ),
+        ("scan.igs.nrrd", "encoding: gzip", "line skip: 2\nencoding: gzip", "line skip is not 0"),
+        ("scan.igs.mha", "ElementDataFile", "HeaderSize = 3\nElementDataFile", "HeaderSize is 3, which is read of"),
+    ],
+)
+def test_what_is_to_be_skipped_and_is_not_is_refused(tmp_path: Path, path: str, old: str, new: str, told: str) -> None:
+    with pytest.raises(RecordingError, match=told):
+        read_sequence(written(tmp_path / path, (old, new)))
+
+
+@pytest.mark.parametrize("colours", [1, 3])
+def test_a_volume_or_a_picture_in_nrrd_is_said_to_be_one(tmp_path: Path, colours: int) -> None:
+    """As SimpleITK writes it; a CT has another type as well, which is not what is wrong with it."""
+    for shape, kind, told in (
+        ((6, 5, 7), np.uint8, "volume"),
+        ((6, 5, 7), np.int16, "volume"),
+        ((5, 7), np.uint8, "single"),
+    ):
+        pixels = np.zeros((*shape, colours) if colours > 1 else shape, kind)
+        sitk.WriteImage(sitk.GetImageFromArray(pixels, isVector=colours > 1), str(tmp_path / "one.nrrd"))
+        with pytest.raises(RecordingError, match=f"is a {told}.*not a sequence. It has neither times nor poses"):
+            read_sequence(tmp_path / "one.nrrd")
 
 
 def test_a_volume_is_said_to_be_one(tmp_path: Path) -> None:

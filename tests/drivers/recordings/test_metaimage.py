@@ -357,6 +357,12 @@ def test_real_pictures_are_upright():
         ("scan.dcm", bytes(128) + b"DICM", "a DICOM file", "record pictures and poses"),
         ("device.xml", b"<PlusConfiguration>", "an XML file", "--calibration"),
         ("scan.zip", b"PK\x03\x04", "a ZIP archive", "Unpack"),
+        ("scan.mnc", b"CDF\x01", "a NetCDF or MINC file", "as a PLUS sequence"),
+        ("scan.mpg", b"\0\0\1\xba", "an MPEG film", "Convert it"),
+        ("scan.tfm", b"#Insight Transform File V1.0\n", "a transform of ITK", "calibration import"),
+        ("scan.igs.mha", b"version https://git-lfs.github.com/spec/v1\n", "a pointer of Git LFS", "git lfs pull"),
+        ("scan.igs.mha", b"<!DOCTYPE html>\n", "a web page", "download has failed"),
+        ("scan.igs.mha", bytes(10), "of a kind that is not known", "Give a PLUS"),
     ],
 )
 def test_a_recording_of_another_program_is_named_with_the_way_to_go(
