@@ -17,7 +17,7 @@ from drivers.recordings.replay import ENDED
 from drivers.registry import check_options, device_kinds, open_output, open_tracker, open_video
 from drivers.samples import Frame, Pose, PoseStatus
 from tools.shared.driver_text import any_url, schemes_and_options
-from tools.shared.time_quality import TimeQuality, time_quality
+from tools.shared.time_quality import LEAST_HZ, MOST_JITTER_MS, TimeQuality, time_quality
 
 _READ_S = 0.2
 """For which a read waits, and by which the measurement may last longer than was asked."""
@@ -271,7 +271,18 @@ def complaints(measured: Measured, time_remedy: str = "") -> Iterator[str]:
     if quality is not None and quality.bound_ms > _LOOSE_BOUND_MS:
         known = f"the time is known only to ± {quality.bound_ms:.0f} ms in the median"
         yield f"{known}. {time_remedy or 'Measure longer, or look for what delays the line'}"
-    if quality is not None and quality.lost > _MANY_LOST * quality.samples:
+    if quality is not None:
+        yield from _complaints_of_rate(quality, "poses" if measured.poses else "pictures")
+
+
+def _complaints_of_rate(quality: TimeQuality, half: str) -> Iterator[str]:
+    least_hz = LEAST_HZ[_HALVES[half]]
+    if quality.rate_hz < least_hz:
+        what = f"{quality.rate_hz:.3g} {half} come per second, {least_hz:g} are needed"
+        yield f"{what}. Have the device or the sender give each one that it measures"
+    if quality.jitter_ms > MOST_JITTER_MS:
+        yield f"the times scatter by {quality.jitter_ms:.0f} ms. Look for a slow line, or a sender that stamps late"
+    if quality.lost > _MANY_LOST * quality.samples:
         yield f"{quality.lost} samples were lost. Look for a slow line, or a busy host"
 
 

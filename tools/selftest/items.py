@@ -13,15 +13,13 @@ from appliance.types import State
 from drivers.rigid import vector_from_rotation
 from drivers.samples import Frame, Pose, PoseStatus
 from tools.shared.status_view import is_recovering
-from tools.shared.time_quality import TimeQuality, time_quality
+from tools.shared.time_quality import LEAST_HZ, MOST_JITTER_MS, TimeQuality, time_quality
 
-_LEAST_HZ = {"video": 10.0, "tracker": 15.0}
-"""Samples per second: half of the slowest that the line was measured with (docs/study.md). Fewer verify too late."""
 _MOST_LOST_PERCENT = 1.0
 """Of the samples that the device counted. A cable that loses more is going to lose all. Not measured on carts."""
-_MOST_BOUND_MS, _MOST_JITTER_MS = 20.0, 15.0
-"""Median stated error of a stamp, and scatter about the straight line: a third and a quarter of the shipped limit of
-the latency, 60 ms. Less reddens grabbers that work; more hides what spoils the latency."""
+_MOST_BOUND_MS = 20.0
+"""Median stated error of a stamp: a third of the shipped limit of the latency, 60 ms. Less reddens grabbers that work;
+more hides what spoils the latency."""
 _MOST_NOISE_MM, _MOST_NOISE_DEG = 0.5, 0.2
 """Standard deviation of a probe that lies still, per axis: five and ten times a Polaris at 2 m. More makes every
 verification late; the item names markers and distance."""
@@ -153,10 +151,10 @@ def timing(name: str, samples: Sequence[Frame | Pose], arrivals_ns: Sequence[int
 
 
 def _rate(name: str, found: TimeQuality) -> list[Item]:
-    fast = found.rate_hz >= _LEAST_HZ[name]
+    fast = found.rate_hz >= LEAST_HZ[name]
     lost_percent = 100 * found.lost / (found.lost + found.samples)
     whole = lost_percent <= _MOST_LOST_PERCENT
-    least = f"{_LEAST_HZ[name]:g} / s at least"
+    least = f"{LEAST_HZ[name]:g} / s at least"
     return [
         Item(f"{name} rate", fast, f"{found.rate_hz:.1f} / s, {least}", "" if fast else "Raise the device's rate"),
         Item(f"{name} losses", whole, f"{lost_percent:.2f} %", "" if whole else "Check its cable, and what else runs"),
@@ -167,7 +165,7 @@ def _time(name: str, found: TimeQuality) -> list[Item]:
     bound = found.bound_ms <= _MOST_BOUND_MS
     items = [Item(f"{name} stamps", bound, f"± {found.bound_ms:.1f} ms", "" if bound else "probewatch probe URL")]
     if np.isfinite(found.jitter_ms):
-        steady = found.jitter_ms <= _MOST_JITTER_MS
+        steady = found.jitter_ms <= MOST_JITTER_MS
         what = f"scatter {found.jitter_ms:.1f} ms, longest pause {found.longest_ms:.0f} ms"
         items.append(Item(f"{name} regularity", steady, what, "" if steady else "Check its cable, and what else runs"))
     return items

@@ -7,6 +7,12 @@ import numpy as np
 
 from drivers.samples import Frame, Pose
 
+LEAST_HZ = {"video": 10.0, "tracker": 15.0}
+"""Samples per second: half of the slowest that the line was measured with (docs/study.md). Fewer verify too late."""
+MOST_JITTER_MS = 15.0
+"""Scatter of stamps about the straight line: a quarter of the shipped limit of the latency, 60 ms. Less reddens
+grabbers that work; more hides what spoils the latency."""
+
 
 @dataclass(frozen=True, slots=True)
 class TimeQuality:

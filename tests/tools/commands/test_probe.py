@@ -175,7 +175,7 @@ def test_half_of_a_cart_is_said_in_one_word_each(
     tmp_path: Path, made: Callable[[SequenceItem], SequenceItem], code: int, words: list[str]
 ) -> None:
     """A recording may hold poses alone; of what ought to be there and cannot be used the exit code tells."""
-    whole = [made(item) for item in items(5)]
+    whole = [made(replace(item, t_ns=item.t_ns - n * 30_000_000)) for n, item in enumerate(items(5))]
     write_metaimage(tmp_path / "a.mha", whole, SIZE_PX if whole[0].image is not None else None)
     found, output, _ = probed(f"replay:{tmp_path}/a.mha?start_s=0.3", seconds="5")
     assert found == code, output
@@ -247,6 +247,23 @@ def test_poses_in_metres_are_asked_about(unit_mm: float, told: bool) -> None:
     found = [text for text in complaints(Measured([*samples], [0] * 75)) if "of the origin" in text]
     wanted = "all poses lie within 0.91 mm of the origin. Have the sender use mm; it may use metres"
     assert found == ([wanted] if told else [])
+
+
+@pytest.mark.parametrize(("hz", "half", "poor"), [(14, "poses", True), (16, "poses", False), (9, "pictures", True)])
+def test_what_comes_too_seldom_is_poor(hz: float, half: str, poor: bool) -> None:
+    image = np.zeros((24, 32), np.uint8)
+    samples: list[Frame | Pose] = [
+        pose(n, n * 1e3 / hz) if half == "poses" else Frame(Stamp(round(n * 1e9 / hz), 0), n, image) for n in range(20)
+    ]
+    found = [text for text in complaints(Measured(samples, [0] * 20)) if "per second" in text]
+    assert [text.split(".")[0] for text in found] == (
+        [f"{hz} {half} come per second, {15 if half == 'poses' else 10} are needed"] if poor else []
+    )
+
+
+def test_times_that_scatter_are_poor() -> None:
+    samples = [pose(n, n * 50 + (20 if n % 2 else -20)) for n in range(40)]
+    assert [text for text in complaints(Measured([*samples], [0] * 40)) if "scatter by 20 ms" in text]
 
 
 def test_what_the_device_knows_of_its_time_is_the_remedy() -> None:
