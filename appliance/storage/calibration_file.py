@@ -58,6 +58,8 @@ More is in another unit, or of another body; less might refuse a long holder."""
 
 _Named = tuple[str, str, str]
 """From, To and Matrix of a transform."""
+_Step = tuple[_Named, bool]
+"""A transform on the way from one frame to another, and whether it is turned round there."""
 _Row3 = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
 _Row4 = tuple[FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat]
 _Scale = Annotated[float, Field(ge=_SCALE_RANGE_MM[0], le=_SCALE_RANGE_MM[1])]
@@ -298,7 +300,7 @@ def _from_xml(data: bytes, path: Path, image_size_px: tuple[int, int] | None, pr
     start, _, end = probe.rpartition("To") if "To" in probe else ("Image", "", probe)
     transforms = _xml_transforms(data, path)
     way = _way(transforms, start, end)
-    twice = next((one for one in way if sum(one[:2] == other[:2] for other in transforms) > 1), None)
+    twice = next((one for one, _ in way if sum(one[:2] == other[:2] for other in transforms) > 1), None)
     if not way or twice is not None:
         lack = f"no way from {start} to {end}" if twice is None else f"two transforms {twice[0]} to {twice[1]}"
         names = ", ".join(f"{one} to {other}" for one, other, _ in transforms) or "none"
@@ -309,25 +311,43 @@ def _from_xml(data: bytes, path: Path, image_size_px: tuple[int, int] | None, pr
         what = f"has {lack} in CoordinateDefinitions; it has {names}"
         raise ConfigurationError(what, str(path), f"{remedy}, configure --calibration-probe, or [calibration] probe")
     matrix = np.eye(4)
-    for one, other, text in way:
-        matrix = _sixteen(text, f"{path}: Transform From {one} To {other}") @ matrix
+    for (one, other, text), turned in way:
+        where = f"{path}: Transform From {one} To {other}"
+        step = _sixteen(text, where)
+        matrix = (_inverse(step, where) if turned else step) @ matrix
     return calibration_from_image_to_probe(matrix, image_size_px, where=f"{path}: from {start} to {end}")
 
 
-def _way(transforms: Sequence[_Named], start: str, end: str) -> list[_Named]:
-    """The shortest chain from one frame to the other, as PLUS composes transforms; empty where there is none."""
-    leaving = defaultdict[str, list[_Named]](list)
+def _way(transforms: Sequence[_Named], start: str, end: str) -> list[_Step]:
+    """The shortest chain from one frame to the other, as PLUS composes transforms; empty where there is none. A
+    transform is turned round, which PLUS does as well, only where no other way leads there.
+    """
+    return _shortest(transforms, start, end, (False,)) or _shortest(transforms, start, end, (False, True))
+
+
+def _shortest(transforms: Sequence[_Named], start: str, end: str, allowed: tuple[bool, ...]) -> list[_Step]:
+    leaving = defaultdict[str, list[_Step]](list)
     for one in transforms:
-        leaving[one[0]].append(one)
-    ways: dict[str, list[_Named]] = {start: []}
+        for turned in allowed:
+            leaving[one[turned]].append((one, turned))
+    ways: dict[str, list[_Step]] = {start: []}
     frames = deque([start])
     while frames and end not in ways:
         at = frames.popleft()
-        for one in leaving[at]:
-            if one[1] not in ways:
-                ways[one[1]] = [*ways[at], one]
-                frames.append(one[1])
+        for step in leaving[at]:
+            one, turned = step
+            reached = one[not turned]
+            if reached not in ways:
+                ways[reached] = [*ways[at], step]
+                frames.append(reached)
     return ways.get(end, [])
+
+
+def _inverse(matrix: Matrix4, where: str) -> Matrix4:
+    try:
+        return np.asarray(np.linalg.inv(matrix))
+    except np.linalg.LinAlgError:
+        raise ConfigurationError("Matrix cannot be turned back", where, "Restore the file") from None
 
 
 def _sixteen(text: str, where: str) -> Matrix4:

@@ -8,7 +8,7 @@ from drivers.errors import ConfigurationError, RecordingError
 from drivers.files.regular_file import reading
 from drivers.recordings.mcap_file import MAGIC
 
-SUFFIXES = (".mha", ".mhd", ".nrrd", ".mcap")
+SUFFIXES = (".mha", ".mhd", ".nrrd", ".nhdr", ".mcap")
 """What is taken out of a folder; films and tables belong together by their names alone, so they are named."""
 
 
@@ -35,7 +35,7 @@ def found(paths: Sequence[Path]) -> tuple[list[Path | Series], list[str]]:
 
 
 def _files(folder: Path) -> Iterator[Path]:
-    files = sorted(path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES and path.is_file())
+    files = sorted(path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES and not path.is_dir())
     if not files:
         remedy = f"It looks for {', '.join(SUFFIXES)}; name a film or another file itself"
         raise ConfigurationError("holds no recordings", str(folder), remedy)

@@ -271,9 +271,49 @@ def test_a_chain_of_transforms_is_composed_as_plus_does(tmp_path):
                                np.array(wanted)[:, [0, 1, 3]], atol=1e-12)  # fmt: skip
 
 
+BACKWARDS = """<PlusConfiguration><CoordinateDefinitions>
+<Transform From="Image" To="Transducer" Matrix="0.08 0 0 -25  0 0.07 0 3  0 0 0.08 0  0 0 0 1"/>
+<Transform From="Probe" To="Transducer" Matrix="0 -1 0 50  1 0 0 -12  0 0 1 0  0 0 0 1"/>
+</CoordinateDefinitions></PlusConfiguration>"""
+"""CHAIN with its second transform stored the other way round."""
+
+
+def test_a_transform_that_is_stored_the_other_way_round_is_turned(tmp_path):
+    for name, text in (("forth.xml", CHAIN), ("back.xml", BACKWARDS)):
+        (tmp_path / name).write_text(text)
+    forth, back = (image_to_probe(read_calibration(tmp_path / name, SIZE_PX)) for name in ("forth.xml", "back.xml"))
+    np.testing.assert_allclose(back, forth, atol=1e-12)
+    wide = '<Transform From="Probe" To="Image" Matrix="12.5 0 0 100  0 10 0 50  0 0 10 0  0 0 0 1"/>'
+    (tmp_path / "image.xml").write_text(
+        f"<PlusConfiguration><CoordinateDefinitions>{wide}</CoordinateDefinitions></PlusConfiguration>"
+    )
+    read = read_calibration(tmp_path / "image.xml", SIZE_PX)
+    np.testing.assert_allclose(read.scale_mm_per_px, [0.08, 0.1])
+    np.testing.assert_allclose(image_to_probe(read)[:2, 3], [-8, -5], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "complaint"),
+    [
+        ("0 -1 0 50  1 0 0 -12", "0 0 0 50  0 0 0 -12", "From Probe To Transducer: Matrix cannot be turned back"),
+        ("0 -1 0 50  1 0 0 -12", "0 nan 0 50  1 0 0 -12", "not finite"),
+        (
+            "</Coord",
+            '<Transform From="Probe" To="Transducer" Matrix="0"/></Coord',
+            "two transforms Probe to Transducer",
+        ),
+    ],
+)
+def test_what_cannot_be_turned_round_is_refused(tmp_path, old, new, complaint):
+    assert old in BACKWARDS
+    (tmp_path / "back.xml").write_text(BACKWARDS.replace(old, new))
+    with pytest.raises(ConfigurationError, match=complaint):
+        read_calibration(tmp_path / "back.xml", SIZE_PX)
+
+
 def test_a_picture_of_another_name_is_named_with_its_transform(tmp_path):
     path = tmp_path / "chain.xml"
-    path.write_text(CHAIN.replace('From="Image"', 'From="RightImage"'))
+    path.write_text(CHAIN.replace('"Image"', '"RightImage"'))
     np.testing.assert_allclose(read_calibration(path, SIZE_PX, "LeftImageToProbe").scale_mm_per_px, [0.08, 0.07])
     with pytest.raises(ConfigurationError, match=r"no way from Image to Probe .*name its transform, such as LeftImage"):
         read_calibration(path, SIZE_PX)

@@ -1,6 +1,7 @@
 """`probewatch replay` of black boxes, of several recordings, and its page."""
 
 import json
+import os
 import re
 import shutil
 from pathlib import Path
@@ -23,6 +24,7 @@ from tests.support.black_boxes import record
 from tests.support.recordings import items
 from tests.support.sessions import kept, session
 from tools.commands.replay import command
+from tools.shared.found_recordings import found as found_recordings
 
 SMALL = WorldSettings(width_px=400, height_px=300, scale_mm_per_px=(0.09, 0.08))
 FRAME_PX = (48, 32)
@@ -161,3 +163,20 @@ def test_an_option_that_does_nothing_for_a_black_box_is_refused(box: Path, optio
     result = CliRunner().invoke(command, [str(box), *option])
     assert result.exit_code == 2
     assert f"{option[0]} is for sequences and films" in result.output
+
+
+def test_a_link_that_leads_nowhere_and_a_pipe_in_a_folder_are_told(tmp_path: Path) -> None:
+    """Left out without a word, a recording that was moved away would be missed by nobody."""
+    folder = tmp_path / "archive"
+    folder.mkdir()
+    (folder / "gone.igs.mha").symlink_to(tmp_path / "moved.igs.mha")
+    os.mkfifo(folder / "pipe.mcap")
+    (folder / "empty.nhdr").touch()
+    (folder / "folder.mha").mkdir()
+    found, refused = found_recordings([folder])
+    assert [one.name for one in found if isinstance(one, Path)] == ["empty.nhdr", "gone.igs.mha", "pipe.mcap"]
+    assert not refused
+    result = CliRunner().invoke(command, [str(folder), "--json"])
+    rows = {Path(row["recording"]).name: row["error"] for row in json.loads(result.stdout)["recordings"]}
+    assert "No such file" in rows["gone.igs.mha"]
+    assert "a pipe" in rows["pipe.mcap"]
