@@ -13,6 +13,7 @@ import uvicorn
 from appliance.configuration.config import load_config
 from appliance.service.control.rights import Onlookers
 from drivers.errors import ConfigurationError, cannot_listen
+from drivers.files.atomic_file import check_writable
 from tools.page.alarm_log_watch import AlarmLogWatch
 from tools.page.asking import Asking
 from tools.page.connection import Connection
@@ -106,8 +107,17 @@ def command(
             click.echo(url)
         click.echo(_how_to_ask(served), err=True)
         warn_if_absent(control)
+        _warn_if_useless(folder)
         parts = Parts(watch, pictures, session, alarms, Asking(control), tokens, cart, _called(host, hosts))
         _serve(Page(parts), listener)
+
+
+def _warn_if_useless(folder: Path | None) -> None:
+    """Says at the start what each scan would be refused for; the page serves the status all the same."""
+    try:
+        check_writable(None if folder is None else folder / "calibration")
+    except ConfigurationError as error:
+        click.echo(f"--folder {folder}: no scan can begin here: {error.advice}", err=True)
 
 
 def _serve(page: Page, listener: sockets.socket) -> None:

@@ -6,7 +6,7 @@ import pytest
 
 from drivers.errors import ConfigurationError, DeviceLost
 from tests.support.answers import answered
-from tools.commands.page import _how_to_ask
+from tools.commands.page import _how_to_ask, _warn_if_useless
 from tools.page.token_socket import Door
 from tools.page.tokens import TOKEN_S, Tokens
 
@@ -93,3 +93,18 @@ def test_a_door_that_cannot_be_made_is_named_by_its_option(tmp_path: Path) -> No
     with pytest.raises(ConfigurationError) as told:
         Door(tmp_path / "gone" / "door", "", lambda _: ("", ""))
     assert told.value.where == f"--door {tmp_path}/gone/door"
+
+
+@pytest.mark.parametrize(("made", "told"), [(True, False), (False, True)])
+def test_a_folder_in_which_no_scan_can_begin_is_told_at_the_start(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], made: bool, told: bool
+) -> None:
+    """It was told to whoever had begun a scan."""
+    folder = tmp_path / "calibrations"
+    if made:
+        folder.mkdir()
+    _warn_if_useless(folder)
+    _warn_if_useless(None)
+    said = capsys.readouterr().err
+    assert (f"--folder {folder}: no scan can begin here: cannot be written" in said) == told
+    assert bool(said) == told
