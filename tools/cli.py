@@ -6,6 +6,7 @@ import sys
 import click
 
 from drivers.errors import EXHAUSTED, ProbewatchError
+from tools.shared.bare_option import with_what_it_takes
 from tools.shared.lazy_group import LazyGroup
 from tools.shared.plain_text import speak_plainly
 from tools.shared.terminal import guard_terminal
@@ -79,6 +80,9 @@ def main() -> None:
         sys.exit(probewatch.main(standalone_mode=False))
     except ProbewatchError as error:
         click.echo(f"probewatch: {error}", err=True)
+        sys.exit(error.exit_code)
+    except click.BadOptionUsage as error:
+        with_what_it_takes(error, probewatch, sys.argv[1:]).show()
         sys.exit(error.exit_code)
     except click.ClickException as error:
         error.show()

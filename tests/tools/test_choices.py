@@ -1,11 +1,14 @@
 """Options that come in several commands are one kind: words are listed, and --json is the same switch everywhere."""
 
+from collections.abc import Iterable
+
 import click
 import pytest
 
 from drivers.twins.faults import CART_FAULTS
 from drivers.twins.scene.trajectory import PROGRAMS
 from drivers.video.crop import FLIPS
+from tests.support.answers import answered
 from tests.support.commands import commands
 
 WORDS = {"--inject": CART_FAULTS, "--orientation": FLIPS, "--program": PROGRAMS}
@@ -23,6 +26,23 @@ def test_help_lists_the_words(name: str) -> None:
     assert found
     for path, told in found:
         assert all(word in told for word in WORDS[name]), path
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["replay", "x.mha", "--inject"], CART_FAULTS),
+        (["log", "--event"], ["overload-ended", "recalibration given up"]),
+        (["report", "--period"], ["one of day, week, month"]),
+        (["simulate", "ndi", "--model"], ["aurora", "vega"]),
+        (["calibration", "import", "x.xml", "--probe"], ["LeftImageToProbe"]),
+    ],
+)
+def test_an_option_without_a_value_says_what_it_takes(words: list[str], told: Iterable[str]) -> None:
+    answer = answered(*words)
+    assert answer.returncode == 2
+    assert f"Option '{words[-1]}' requires an argument: " in answer.stderr
+    assert [one for one in told if one not in answer.stderr] == []
 
 
 def test_json_is_one_switch_in_every_command() -> None:
