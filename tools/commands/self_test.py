@@ -20,9 +20,10 @@ from drivers.errors import ConfigurationError, ProbewatchError
 from drivers.files.atomic_file import make_folder, replacing
 from drivers.printable import printable
 from tools.selftest import items
+from tools.selftest.baseline import KEY, beside, chosen, first_use
 from tools.selftest.items import Item
 from tools.selftest.measured import Measured, measured
-from tools.selftest.records import sealed
+from tools.selftest.records import read_self_tests, sealed
 from tools.shared.interruption import stopped_saying
 from tools.shared.json_report import json_option, text_aside
 from tools.shared.named_cart import config_option, control_option
@@ -55,6 +56,7 @@ _TIMEX_BYTES, _TIMEX_STATUS = 208, 40
     show_default=True,
     help="test lamps and tone and ask, or state the result; skip does not pass",
 )
+@click.option("--baseline", is_flag=True, help="keep the result as that of the first use, to compare later ones with")
 @click.option("--yes", is_flag=True, help="do not wait for the operator: the probe lies still now and moves afterwards")
 @json_option
 def command(
@@ -64,6 +66,7 @@ def command(
     folder: Path | None,
     operator: str,
     lamps: str,
+    baseline: bool,
     yes: bool,
     as_json: bool,
 ) -> None:
@@ -72,11 +75,13 @@ def command(
     Devices, rates and losses, time quality, noise of the probe at rest, overlay mask, lamps and tone by the operator's
     word, disk, clock, reference and its due date. The service goes on watching meanwhile; nothing is changed.
 
-    What was found is kept as JSON in the folder `self-tests` of the alarm log's folder, for the report.
+    What was found is kept as JSON in the folder `self-tests` of the alarm log's folder, for the report. With
+    --baseline it is that of the first use: each later figure is told beside it, and a rate that differs is red.
 
     \b
     Examples:
       probewatch self-test --operator "A. Smith"
+      probewatch self-test --baseline                     # at the first use, and after a repair
       probewatch self-test --yes --lamps skip --json      # in a script, where nobody can be asked
 
     \b
@@ -96,21 +101,24 @@ def command(
     with ControlClient(control) as client:
         client.status()
     with stopped_saying("no result was stored"):
-        found, kept = _tested(control, feed, folder, operator, lamps, yes)
+        found, kept = _tested(control, feed, folder, operator, lamps, yes, baseline)
     write([item.fields() for item in found])
     if not as_json:
         _print(found, kept)
     sys.exit(0 if all(item.green for item in found) else 1)
 
 
-def _tested(control: Path, feed: Path, folder: Path, operator: str, lamps: str, yes: bool) -> tuple[list[Item], Item]:
+def _tested(
+    control: Path, feed: Path, folder: Path, operator: str, lamps: str, yes: bool, baseline: bool
+) -> tuple[list[Item], Item]:
     """Runs the test; returns its items, with an item for a result that could not be stored."""
     still, moving, trouble = _measure(feed, yes)
     with ControlClient(control) as client:
         seen = _lamps(client, lamps)
         status = client.status()
     found = _judged(status, still, moving, trouble, seen)
-    kept = _kept(folder, found, status, operator)
+    found = [*found, chosen(found)] if baseline else beside(found, first_use(read_self_tests(folder).kept))
+    kept = _kept(folder, found, status, operator, baseline)
     return ([*found, kept] if kept.remedy else found), kept
 
 
@@ -162,7 +170,7 @@ def _judged(status: dict[str, Any], still: Measured, moving: Measured, trouble: 
     return [*found, *items.reference(status, utc)]
 
 
-def _kept(folder: Path, found: list[Item], status: dict[str, Any], operator: str) -> Item:
+def _kept(folder: Path, found: list[Item], status: dict[str, Any], operator: str, baseline: bool) -> Item:
     """Stores the result; returns whether that succeeded."""
     utc = datetime.now(UTC)
     record = {
@@ -171,6 +179,7 @@ def _kept(folder: Path, found: list[Item], status: dict[str, Any], operator: str
         "utc": utc.isoformat(timespec="seconds"),
         "operator": printable(operator),
         "passed": all(item.green for item in found),
+        KEY: baseline and all(item.green for item in found),
         "software": status["software"],
         "reference": None if status["reference"] is None else status["reference"]["sha256"],
         "simulated": status["simulated"],

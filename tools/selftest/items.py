@@ -37,12 +37,16 @@ Status = Mapping[str, Any]
 
 @dataclass(frozen=True, slots=True)
 class Item:
-    """green: None where it could not be tried, which is no pass. remedy: empty where nothing is to be done."""
+    """green: None where it could not be tried, which is no pass. remedy: empty where nothing is to be done.
+    figure: what was measured, in unit; None where the item is no figure.
+    """
 
     name: str
     green: bool | None
     what: str
     remedy: str = ""
+    figure: float | None = None
+    unit: str = ""
 
     def fields(self) -> dict[str, Any]:
         return asdict(self)
@@ -155,19 +159,23 @@ def _rate(name: str, found: TimeQuality) -> list[Item]:
     lost_percent = 100 * found.lost / (found.lost + found.samples)
     whole = lost_percent <= _MOST_LOST_PERCENT
     least = f"{LEAST_HZ[name]:g} / s at least"
+    slow = "" if fast else "Raise the device's rate"
+    cable = "" if whole else "Check its cable, and what else runs"
     return [
-        Item(f"{name} rate", fast, f"{found.rate_hz:.1f} / s, {least}", "" if fast else "Raise the device's rate"),
-        Item(f"{name} losses", whole, f"{lost_percent:.2f} %", "" if whole else "Check its cable, and what else runs"),
+        Item(f"{name} rate", fast, f"{found.rate_hz:.1f} / s, {least}", slow, found.rate_hz, "/ s"),
+        Item(f"{name} losses", whole, f"{lost_percent:.2f} %", cable, lost_percent, "%"),
     ]
 
 
 def _time(name: str, found: TimeQuality) -> list[Item]:
     bound = found.bound_ms <= _MOST_BOUND_MS
-    items = [Item(f"{name} stamps", bound, f"± {found.bound_ms:.1f} ms", "" if bound else "probewatch probe URL")]
+    probe = "" if bound else "probewatch probe URL"
+    items = [Item(f"{name} stamps", bound, f"± {found.bound_ms:.1f} ms", probe, found.bound_ms, "ms")]
     if np.isfinite(found.jitter_ms):
         steady = found.jitter_ms <= MOST_JITTER_MS
         what = f"scatter {found.jitter_ms:.1f} ms, longest pause {found.longest_ms:.0f} ms"
-        items.append(Item(f"{name} regularity", steady, what, "" if steady else "Check its cable, and what else runs"))
+        cable = "" if steady else "Check its cable, and what else runs"
+        items.append(Item(f"{name} regularity", steady, what, cable, found.jitter_ms, "ms"))
     return items
 
 
@@ -188,7 +196,8 @@ def noise(poses: Sequence[Pose]) -> Item:
     noise_mm, noise_deg = float(places.std(axis=0).max()), float(turns.std(axis=0).max())
     quiet = noise_mm <= _MOST_NOISE_MM and noise_deg <= _MOST_NOISE_DEG
     remedy = "" if quiet else "Clean the markers; bring the probe nearer to the middle of the tracker's volume"
-    return Item("noise at rest", quiet, f"{noise_mm:.2f} mm, {noise_deg:.2f}° (standard deviation, worst axis)", remedy)
+    what = f"{noise_mm:.2f} mm, {noise_deg:.2f}° (standard deviation, worst axis)"
+    return Item("noise at rest", quiet, what, remedy, noise_mm, "mm")
 
 
 def overlay(frames: Sequence[Frame]) -> Item:
@@ -203,7 +212,7 @@ def overlay(frames: Sequence[Frame]) -> Item:
     least, most = _MASK_PERCENT
     good = least <= percent <= most
     remedy = "" if good else "Look at the picture: is it the scanner's, whole, and live?"
-    return Item("overlay mask", good, f"{percent:.0f} % of the picture is drawn or dark", remedy)
+    return Item("overlay mask", good, f"{percent:.0f} % of the picture is drawn or dark", remedy, percent, "%")
 
 
 def outputs(status: Status, seen: bool | None) -> Item:
