@@ -153,7 +153,10 @@ def command(
         _refuse_for_several(poses=poses, inject=schedule.episodes, estimate=estimate_path, html=html_path)
         named = (probe, reference, orientation)
         tasks = [ArchiveTask(_path(one), calibration, judging, _parts(one), *named) for one in several]
-        write_report({"version": VERSION, "recordings": _print_several(tasks, jobs)})
+        subject = Subject.of((), calibration, config_path, schedule)
+        for name, said in subject.rows():  # beside the table, which a pipe cuts into columns
+            click.echo(f"{name + ':':<18}{said}", err=True)
+        write_report({"version": VERSION, "recordings": _print_several(tasks, jobs), "of": subject.fields()})
         return
     (one,) = several
     trace = Trace()

@@ -18,6 +18,22 @@ from tools.commands.replay import command
 SIZE_PX = (48, 32)
 
 
+def test_a_table_of_several_says_by_what_they_were_judged(tmp_path: Path) -> None:
+    """Each row names its recording."""
+    probe = tmp_path / "probe.toml"
+    write_calibration(probe, Calibration(np.eye(3), (1, 1), np.array([0.2, 0.2]), np.zeros(3), SIZE_PX), {})
+    for name in ("a.igs.mha", "b.igs.mha"):
+        write_metaimage(tmp_path / name, items(3, SIZE_PX), SIZE_PX)
+    words = [str(tmp_path / "a.igs.mha"), str(tmp_path / "b.igs.mha"), "--calibration", str(probe), "--json"]
+    answer = CliRunner().invoke(command, words, catch_exceptions=False)
+    told = json.loads(answer.stdout)["of"]
+    assert (told["recording"], told["configuration"], told["injected"]) == ([], None, [])
+    assert told["calibration"] == {"file": str(probe), "sha256": sha256sum(probe)}
+    assert re.fullmatch(r"probewatch \S+", told["software"])
+    assert f"calibration:      probe.toml, SHA-256 {sha256sum(probe)[:12]}" in answer.stderr
+    assert "limits and times: as probewatch ships them" in answer.stderr
+
+
 def sha256sum(path: Path) -> str:
     """By coreutils."""
     return subprocess.run(["sha256sum", path], capture_output=True, text=True, check=True).stdout.split()[0]
