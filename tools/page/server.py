@@ -291,7 +291,8 @@ class Guard:
                 own = printable(host, _NAMED)
                 return f"the request comes from no page: Origin none, Host {own}; a browser sends Origin: http://{own}"
             compared = f"Origin {printable(origin, _NAMED)}, Host {printable(host, _NAMED)}"
-            return f"the request comes from another page: {compared}; a proxy must pass on Host as the browser sends it"
+            passed_on = "a proxy must pass on Host as the browser sends it (nginx: proxy_set_header Host $http_host)"
+            return f"the request comes from another page: {compared}; {passed_on}"
         return ""
 
 

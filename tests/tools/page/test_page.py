@@ -145,6 +145,7 @@ def test_behind_a_proxy_the_name_must_be_the_browsers(web: WebPage, host: str, o
     said = asked(web, "POST", "/token", {"token": "x"}, Host=host, Origin=origin).json["error"]
     assert ("the token is wrong" in said) is own, said
     assert (f"Origin {origin}, Host {host}; a proxy must pass on Host" in said) is not own, said
+    assert ("proxy_set_header Host $http_host" in said) is not own, said
 
 
 @pytest.mark.parametrize("host", ["evil.example", "[::1]evil.example", "[::1]:80x", "localhost:80:x", "::1", "", "[]"])

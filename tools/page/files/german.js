@@ -329,7 +329,7 @@ const GERMAN_WITH_NUMBERS = [
   [/^the request has more than (\d+) bytes$/, "die Anfrage hat mehr als $1 Bytes"],
   [/^the request did not come whole within ([\d.]+) s$/, "die Anfrage kam nicht innerhalb von $1 s ganz an"],
   [/^the request is no JSON object, such as (.+)$/, "die Anfrage ist kein JSON-Objekt wie $1"],
-  [/^the request comes from another page: Origin (.+), Host (.+); a proxy must pass on Host as the browser sends it$/, "die Anfrage kommt von einer anderen Seite: Origin $1, Host $2; ein Proxy muss Host so weitergeben, wie der Browser es sendet"],
+  [/^the request comes from another page: Origin (.+), Host (.+); a proxy must pass on Host as the browser sends it \(nginx: (.+)\)$/, "die Anfrage kommt von einer anderen Seite: Origin $1, Host $2; ein Proxy muss Host so weitergeben, wie der Browser es sendet (nginx: $3)"],
   [/^(.+) has asked too often \((\d+) at once, then one in (\d+) s\); wait (\d+) s$/, "$1 hat zu oft gefragt ($2 auf einmal, dann eine in $3 s); $4 s warten"],
   [/^the service does not answer \(.*\)$/, "der Dienst antwortet nicht"],
   [/^device lost: .*\. The scan is kept, and goes on by itself$/, "ein Gerät fehlt. Der Scan bleibt erhalten und geht von selbst weiter"],
