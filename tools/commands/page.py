@@ -24,7 +24,7 @@ from tools.page.tokens import TOKEN_S, Tokens
 from tools.recalibration.session import ScanSession
 from tools.shared.absent_service import warn_if_absent
 from tools.shared.called_host import endpoint_text
-from tools.shared.named_cart import config_option
+from tools.shared.named_cart import SOCKET, config_option, own_cart
 from tools.shared.status_watch import StatusWatch
 
 _LISTEN = "127.0.0.1:9780"
@@ -79,9 +79,10 @@ def command(
         token, url = invitation(door or _DOOR)
         click.echo(f"{url}recalibrate\ntoken: {token}   (once, within {TOKEN_S / 60:.0f} minutes)")
         return
-    config = None if config_file is None else load_config(config_file)
+    named = config_file or (own_cart() if control is None else None)
+    config = None if named is None else load_config(named)
     if control is None:
-        control = Path("/run/probewatch/control") if config is None else config.control.socket
+        control = SOCKET if config is None else config.control.socket
     if feed is None:
         feed = (None if config is None else config.feed_socket) or control.with_name("feed")
     host, port = _address(listen)

@@ -14,7 +14,6 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from appliance.configuration.config import load_config
 from appliance.service.control.client import ControlClient
 from drivers.errors import ConfigurationError, ProbewatchError
 from drivers.files.atomic_file import make_folder, replacing
@@ -26,7 +25,7 @@ from tools.selftest.measured import Measured, measured
 from tools.selftest.records import read_self_tests, sealed
 from tools.shared.interruption import stopped_saying
 from tools.shared.json_report import json_option, text_aside
-from tools.shared.named_cart import config_option, control_option
+from tools.shared.named_cart import LOG, cart_says, socket_option
 from tools.shared.terminal import progress_bar
 
 _STILL_S, _MOVING_S = 5.0, 12.0
@@ -42,8 +41,7 @@ _TIMEX_BYTES, _TIMEX_STATUS = 208, 40
 
 
 @click.command(name="self-test")
-@control_option
-@config_option
+@socket_option
 @click.option("--feed", type=click.Path(path_type=Path), help="socket of the feed [beside the control socket]")
 @click.option(
     "--folder", type=click.Path(file_okay=False, path_type=Path), help="where the result is kept [alarm folder]"
@@ -61,7 +59,6 @@ _TIMEX_BYTES, _TIMEX_STATUS = 208, 40
 @json_option
 def command(
     control_socket: Path,
-    config_file: Path | None,
     feed: Path | None,
     folder: Path | None,
     operator: str,
@@ -89,19 +86,17 @@ def command(
     78: nobody can be asked, or a file cannot be used.
     """
     write = click.get_current_context().with_resource(text_aside(as_json))
-    config = None if config_file is None else load_config(config_file)
-    control = control_socket if config is None else config.control.socket
-    feed = feed or (None if config is None else config.feed_socket) or control.with_name("feed")
-    folder = folder or (Path("/var/lib/probewatch") if config is None else config.alarm.folder) / _FOLDER
+    feed = feed or cart_says("feed", "socket") or control_socket.with_name("feed")
+    folder = folder or (cart_says("alarm", "folder") or LOG) / _FOLDER
     if not yes and not sys.stdin.isatty():
         what = "needs an operator to lay the probe down and then to move it, and there is no terminal"
         raise ConfigurationError(
             what, "self-test", "Run it at a terminal, or give --yes and --lamps seen, not-seen or skip"
         )
-    with ControlClient(control) as client:
+    with ControlClient(control_socket) as client:
         client.status()
     with stopped_saying("no result was stored"):
-        found, kept = _tested(control, feed, folder, operator, lamps, yes, baseline)
+        found, kept = _tested(control_socket, feed, folder, operator, lamps, yes, baseline)
     write([item.fields() for item in found])
     if not as_json:
         _print(found, kept)
@@ -214,13 +209,17 @@ def _synchronised() -> bool | None:
 def _print(found: list[Item], kept: Item) -> None:
     marks = {True: ("✓", "green"), False: ("✗", "red"), None: ("?", "red")}
     table = Table.grid(padding=(0, 2))
+    console = Console(file=sys.stdout, highlight=False)
     for item in found:
         mark, colour = marks[item.green]
         told = f"{item.what}{'. ' if item.remedy else ''}{item.remedy}"  # with brackets, as [calibration] due_days
-        table.add_row(Text(f"{mark} {item.name}", style=colour), Text(told, style="" if item.green else colour))
-    console = Console(file=sys.stdout, highlight=False)
-    console.print(table)
+        if console.is_terminal:
+            table.add_row(Text(f"{mark} {item.name}", style=colour), Text(told, style="" if item.green else colour))
+        else:
+            click.echo(f"{mark}\t{item.name}\t{told}")
+    if console.is_terminal:
+        console.print(table)
     bad = sum(not item.green for item in found)
     console.print("[green]All green.[/]" if not bad else f"[red]{bad} of {len(found)} are not green.[/]")
     if kept.green:
-        console.print(f"kept: {kept.what}")
+        click.echo(f"kept: {kept.what}")

@@ -14,7 +14,7 @@ from drivers.files.markup import toml_of
 from drivers.files.regular_file import read_bounded
 
 CONFIG = Path("/etc/probewatch/probewatch.toml")
-SOCKET, _LOG = Path("/run/probewatch/control"), Path("/var/lib/probewatch")
+SOCKET, LOG = Path("/run/probewatch/control"), Path("/var/lib/probewatch")
 ENVIRONMENT = "PROBEWATCH_CONFIG"
 NAMED = "probewatch.named_cart"
 """Key of the context's meta under which the named configuration lies, None where none was named."""
@@ -66,6 +66,18 @@ def folder_option(command: _Command) -> _Command:
     """Adds --config and --folder; the folder of the alarm log is passed as folder."""
     told = "alarm log of the service [of its configuration]"
     return _config(expose=False)(click.option("--folder", help=told, **_FOLDER)(command))
+
+
+def cart_says(section: str, key: str) -> Path | None:
+    """Returns the path that the configuration of the command's cart states there, None where it states none. Raises
+    ConfigurationError for a configuration that was named and cannot be read.
+    """
+    return _said(click.get_current_context().meta.get(NAMED), section, key)
+
+
+def own_cart() -> Path | None:
+    """Returns the configuration of this computer, None where it has none."""
+    return CONFIG if CONFIG.is_file() else None
 
 
 def _config(expose: bool, default: Path | None = None) -> Callable[[_Command], _Command]:
@@ -123,5 +135,5 @@ def _said(named: Path | None, section: str, key: str) -> Path | None:
 
 _FOLDER: dict[str, Any] = {
     "type": click.Path(path_type=Path, file_okay=False),
-    "callback": _derived("alarm", "folder", _LOG),
+    "callback": _derived("alarm", "folder", LOG),
 }

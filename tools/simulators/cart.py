@@ -54,7 +54,7 @@ def command(file: Path | None, folder: Path | None, seed: int, unconfigured: boo
     \b
       probewatch simulate cart --write cart.toml
       probewatch run --config cart.toml             # in a second terminal
-      probewatch status --watch --socket …          # in a third; the socket is named in cart.toml
+      probewatch status --watch --config cart.toml  # in a third
 
     With --unconfigured the file is the one that a package brings, for `probewatch configure`: docs/first-day.md.
 

@@ -27,3 +27,13 @@ def test_where_nobody_can_be_asked_it_refuses_and_measures_nothing(
     assert "needs an operator to lay the probe down" in shown.stderr
     assert "give --yes and --lamps" in shown.stderr
     assert service.asked == {}
+
+
+def test_into_a_pipe_each_item_is_one_line_with_tabs_and_the_path_is_whole(tmp_path: Path) -> None:
+    folder = tmp_path / ("long" * 20)
+    with Answering(tmp_path / "control") as service:
+        shown = answered("self-test", "--socket", service.path, "--folder", folder, "--yes", "--lamps", "skip")
+    *items, judged, kept = shown.stdout.splitlines()
+    assert {line.count("\t") for line in items} == {2}, shown
+    assert {line.split("\t")[0] for line in items} <= {"✓", "✗", "?"}
+    assert (judged.endswith("are not green."), Path(kept.removeprefix("kept: ")).parent) == (True, folder)

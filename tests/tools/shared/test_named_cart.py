@@ -6,6 +6,8 @@ import click
 import pytest
 from click.testing import CliRunner
 
+from tests.support.answering import Answering
+from tests.support.answers import answered
 from tests.support.commands import commands
 from tools.shared.named_cart import ENVIRONMENT, folder_argument, socket_option
 
@@ -81,3 +83,39 @@ def test_every_command_that_is_about_a_cart_takes_it_in_the_same_way() -> None:
         if of_the_cart and (named is None or named.envvar != ENVIRONMENT):
             lacking.add(" ".join(path))
     assert lacking == set()
+
+
+@pytest.fixture
+def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The configuration of this computer, whose socket, feed and alarm log lie where no default has them."""
+    template = Path(__file__).parents[3] / "config" / "probewatch.toml"
+    lines = template.read_text().replace('# socket = "/run/probewatch/control"', f'socket = "{tmp_path / "control"}"')
+    file = tmp_path / "own.toml"
+    file.write_text(lines.replace('# folder = "/var/lib/probewatch"\n', 'folder = "alarms"\n'))
+    monkeypatch.setattr("tools.shared.named_cart.CONFIG", file)
+    return file
+
+
+def test_where_no_cart_is_named_a_self_test_is_kept_in_the_alarm_folder_of_this_computer(own: Path) -> None:
+    """There the report looks for it."""
+    with Answering(own.with_name("control")):
+        answer = answered("self-test", "--yes", "--lamps", "skip")
+    assert f"kept: {own.parent}/alarms/self-tests/" in answer.stdout, answer
+
+
+def test_a_self_test_asks_the_socket_that_is_typed_beside_a_configuration(own: Path, tmp_path: Path) -> None:
+    answer = answered("self-test", "--yes", "--config", own, "--socket", tmp_path / "other")
+    assert (answer.returncode, str(tmp_path / "other") in answer.stderr) == (69, True), answer
+
+
+def test_a_live_scan_where_no_cart_is_named_is_of_this_computer(own: Path) -> None:
+    answer = answered("recalibrate", "--live", "--made-by", "A. Smith", "--probe", "L12", "--preset", "4 cm")
+    assert (answer.returncode, str(own.with_name("control")) in answer.stderr) == (69, True), answer
+
+
+def test_a_page_where_no_cart_is_named_is_of_this_computer(own: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    served = []
+    monkeypatch.setattr("tools.commands.page._serve", lambda page, _: served.append(page))
+    monkeypatch.setattr("tools.commands.page.AlarmLogWatch", served.append)
+    assert answered("page", "--listen", "127.0.0.1:0").returncode == 0
+    assert served[0] == own.parent / "alarms"
