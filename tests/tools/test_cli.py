@@ -1,10 +1,12 @@
 """A misspelt command or URL is refused with the one that was probably meant."""
 
+import click
 import pytest
 from click.testing import CliRunner
 
 from drivers.errors import ConfigurationError
 from drivers.registry import known_schemes, split_url
+from tests.support.commands import commands
 from tools.cli import probewatch
 
 
@@ -22,6 +24,22 @@ def test_an_unknown_command(words: list[str], said: str) -> None:
     result = CliRunner().invoke(probewatch, words)
     assert result.exit_code == 2
     assert said in result.stderr
+
+
+def test_no_option_of_any_command_takes_the_next_option_for_its_text() -> None:
+    """Such as `pause --off --on`, which switched the sound off with the reason "--on"."""
+    tried = 0
+    for path, command in commands():
+        if isinstance(command, click.Group):
+            continue
+        options = [one for one in command.params if isinstance(one, click.Option)]
+        for one in options:
+            if not one.is_flag and not one.count:
+                result = CliRunner().invoke(probewatch, [*path, one.opts[0], options[-1].opts[0]])
+                said = f"Option '{one.opts[0]}' needs a value, and '{options[-1].opts[0]}' is an option"
+                assert (result.exit_code, said in result.stderr) == (2, True), (path, result.stderr)
+                tried += 1
+    assert tried > 100
 
 
 @pytest.mark.parametrize(

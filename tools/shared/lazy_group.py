@@ -36,8 +36,29 @@ class LazyGroup(click.Group):
         if args and not args[0].startswith("-") and args[0] not in self._names:
             meant = did_you_mean(suggested(args[0], self._names)) or f"Use one of {', '.join(sorted(self._names))}."
             ctx.fail(f"No such command '{args[0]}'. {meant}")
-        return super().resolve_command(ctx, args)
+        name, command, rest = super().resolve_command(ctx, args)
+        _refuse_swallowed(ctx, command, rest)
+        return name, command, rest
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section(self._heading):
             formatter.write_dl(sorted(self._names.items()))
+
+
+def _refuse_swallowed(ctx: click.Context, command: click.Command | None, words: list[str]) -> None:
+    """Raises UsageError for an option that would take the next option for its text: `pause --off --on` switched the
+    sound off, with the reason "--on".
+    """
+    if isinstance(command, click.Group):
+        within = next((at for at, word in enumerate(words) if word in command.commands), None)
+        if within is not None:
+            _refuse_swallowed(ctx, command.commands[words[within]], words[within + 1 :])
+        return
+    options = [one for one in ([] if command is None else command.params) if isinstance(one, click.Option)]
+    taking = {word for one in options if not one.is_flag and not one.count for word in one.opts}
+    known = {word for one in options for word in one.opts} | set(ctx.help_option_names)
+    for word, following in zip(words, words[1:], strict=False):
+        if word == "--":
+            return
+        if word in taking and following in known:
+            ctx.fail(f"Option '{word}' needs a value, and '{following}' is an option. As its text: {word}={following}")
