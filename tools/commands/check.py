@@ -44,6 +44,8 @@ def command(file: Path) -> None:
     for mistake in mistakes:
         click.echo(mistake, err=True)
     if mistakes:
+        if not _is_adapted(file):
+            click.echo(f"{file} is not configured yet: probewatch configure {file}", err=True)
         sys.exit(ConfigurationError.exit_code)
     config = config_of(text, file)
     named = config.calibration.file
@@ -53,6 +55,14 @@ def command(file: Path) -> None:
     click.echo("\n".join(limit_rows(config.limits, text)))
     if not is_configured(file):
         click.echo("but the service waits until it says configured = true")
+
+
+def _is_adapted(file: Path) -> bool:
+    """Whether a person has configured it; a file that is no TOML may have been."""
+    try:
+        return is_configured(file)
+    except ConfigurationError:
+        return True
 
 
 def calibration_remarks(text: str, file: Path) -> tuple[str, ...]:

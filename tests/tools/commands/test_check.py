@@ -30,6 +30,13 @@ def test_a_good_configuration_and_calibration(folder: Path) -> None:
     assert "can be used" in result.stdout
 
 
+def test_of_a_template_that_nobody_has_configured_it_names_the_command_that_does(folder: Path) -> None:
+    file = written(folder, "configured = false\n" + GOOD.replace("probe.toml", "absent.toml"))
+    result = check(file)
+    assert result.exit_code == 78
+    assert result.stderr.splitlines()[-1] == f"{file} is not configured yet: probewatch configure {file}"
+
+
 def test_it_tells_which_limits_are_in_force_and_why(folder: Path) -> None:
     result = check(written(folder, GOOD + '[limits]\nprofile = "clinical"\noffset_mm = 3.5\nlatency_ms = 30.0\n'))
     assert result.exit_code == 0
