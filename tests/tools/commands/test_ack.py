@@ -7,7 +7,7 @@ import pytest
 
 from appliance.service.control.server import ControlRefused, Peer
 from appliance.supervision.alarms import ACKNOWLEDGED
-from tests.support.answering import Answering, Answers
+from tests.support.answering import Answers
 from tests.support.answers import answered
 
 
@@ -35,9 +35,16 @@ def test_a_person_is_told_whether_there_is_anything_to_acknowledge(tmp_path: Pat
     assert (answer.returncode, said in answer.stderr) == (75, True), answer
 
 
+class _Granting(Answers):
+    """A service that grants what it is asked for."""
+
+    def _answer(self, do: str, request: dict[str, Any], who: Peer) -> dict[str, Any]:
+        return {}
+
+
 def test_that_a_sensor_was_checked_claims_no_bump_that_nobody_has_seen(tmp_path: Path) -> None:
     """The service does not say whether there was one."""
-    with Answering(tmp_path / "control") as service:
+    with _Granting(tmp_path / "control") as service:
         answer = answered("ack", "--bump", "--socket", service.path)
-    assert (answer.returncode, service.asked["clear-bump"]) == (0, 1)
+    assert answer.returncode == 0, answer
     assert answer.stdout.startswith("recorded: the tracker's position sensor was checked; an alert of a bump, if")
