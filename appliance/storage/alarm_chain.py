@@ -186,7 +186,7 @@ def _read_segment(file: Path, chain: _Chain, last: bool) -> None:
 
 def _read_memory(folder: Path, chain: _Chain) -> Memory | None:
     try:
-        stored = json.loads((folder / MEMORY).read_bytes())
+        stored = _json((folder / MEMORY).read_bytes())
         if stored.pop("check") != digest_of(stored) or stored.pop("v") != VERSION:
             raise ValueError("its content does not match its checksum")
         _check_types(stored, _MEMORY_TYPES)
@@ -220,7 +220,7 @@ def _compare(chain: _Chain, memory: Memory) -> None:
 def _parse(line: bytes) -> Entry:
     """Raises ValueError for a line that is not an entry as it was written."""
     try:
-        stored = json.loads(line)
+        stored = _json(line)
         if stored.pop("digest") != (digest := digest_of(stored)):
             raise ValueError("it was changed")
         _check_types(stored, _ENTRY_TYPES)
@@ -229,6 +229,16 @@ def _parse(line: bytes) -> Entry:
         return Entry(**{**stored, "latch": _latch(stored["latch"])}, digest=digest)
     except (KeyError, TypeError, AttributeError, RecursionError) as error:
         raise ValueError(f"a field is missing or wrong: {error}") from None
+
+
+def _json(data: bytes) -> Any:
+    """Raises ValueError in words for a person, not in those of the codec."""
+    try:
+        return json.loads(data)
+    except UnicodeDecodeError:
+        raise ValueError("it is not UTF-8 text") from None
+    except json.JSONDecodeError:
+        raise ValueError("it is not JSON, or a part of it is missing") from None
 
 
 def _misplaced(entry: Entry, promised: int | None) -> str:

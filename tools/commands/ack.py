@@ -29,7 +29,9 @@ def command(control_socket: Path, bump: bool) -> None:
     with ControlClient(control_socket) as client:
         if bump:
             client.clear_bump()
-            click.echo("recorded: the tracker's position sensor was checked; an alert of a bump, if there was one, ends")
+            click.echo(
+                "recorded: the tracker's position sensor was checked; an alert of a bump, if there was one, ends"
+            )
             return
         click.echo(f"acknowledged · {_acknowledged(client)}")
         status = client.status()

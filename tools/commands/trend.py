@@ -63,6 +63,11 @@ def command(folder: Path, reference: int | None, html_path: Path | None, as_json
     if html_path is not None:
         write_trend_page(html_path, number, found, {name: unit_of(name) for name in found}, _HEADINGS, rows)
         click.echo(f"written: {html_path}", err=as_json)
+    if reading.broken:
+        what = (
+            f"the alarm log is damaged: {reading.broken[0]}; what it still holds is told. See: probewatch log --verify"
+        )
+        click.secho(what, err=True, fg="red")
     sys.exit(65 if reading.broken else _code(found))
 
 

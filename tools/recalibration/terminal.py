@@ -2,8 +2,10 @@
 
 import select
 import sys
+import time
 from collections.abc import Callable, Mapping
 from functools import partial
+from math import inf
 from typing import Any
 
 import click
@@ -24,11 +26,37 @@ _EVERY_S = 0.25
 _MOST_REFUSALS = 4
 """Shown at once: what to mend first stands in front."""
 
+_LINE_EVERY_S = 10.0
+"""Between two lines into a pipe or a file, where nothing is redrawn: seen to go on; more often fills a log."""
+
 _COMPLETE = "The scan is complete: press Enter, or scan on for smaller sigmas."
 _BEFORE = (Phase.LATENCY, Phase.SCANNING, Phase.REVIEW, Phase.CHECKING)
 """Phases before something is taken."""
 
 Fields = Mapping[str, Any]
+
+
+class _Lines:
+    """How far it is, for a pipe or a file, in which nothing is redrawn; silent on a terminal."""
+
+    def __init__(self, console: Console) -> None:
+        self._silent, self._said, self._at_s = console.is_terminal, "", -inf
+
+    def tell(self, text: str) -> None:
+        now_s = time.monotonic()
+        if self._silent or text == self._said or now_s - self._at_s < _LINE_EVERY_S:
+            return
+        self._said, self._at_s = text, now_s
+        click.echo(text)
+
+
+def progress_text(fields: Fields) -> str:
+    """How far a scan is, in one line."""
+    scan = fields["scan"]
+    if fields["trouble"] or scan is None:
+        return str(fields["trouble"] or "waiting for the first picture")
+    missing = [f"{one['reason']}: {one['what']}" for one in scan["refusals"][:1]] or ["the scan is complete"]
+    return f"{len(scan['views'])} views in {scan['pictures']} pictures · {missing[0]}"
 
 
 def run(session: ScanSession, begin: Begin, signature: Signature | None) -> None:
@@ -94,12 +122,14 @@ def _scan(session: ScanSession, alone: bool) -> None:
     console = Console(file=sys.stdout, highlight=False)
     if not alone:
         console.print("Scan the crossing; Enter when it is complete, Ctrl-C to give up.")
+    lines = _Lines(console)
     with Live(console=console, refresh_per_second=1 / _EVERY_S, transient=True) as live:
         while session.phase is Phase.SCANNING:
             session.touch()
             fields = session.fields()
             scan = fields["scan"]
             complete = scan is not None and scan["result"] is not None and not scan["refusals"]
+            lines.tell(progress_text(fields))
             live.update(Group(picture(fields), Text(_COMPLETE, style="bold green")) if complete else picture(fields))
             if (alone and complete) or (not alone and _line_within(_EVERY_S) is not None):
                 _refused_aloud(live.console, session.finish)
@@ -247,9 +277,11 @@ def _prove(session: ScanSession) -> None:
     console = Console(file=sys.stdout, highlight=False)
     if session.phase is Phase.PROVING:
         console.print("Now move the probe over tissue, to and fro, tilting and turning it: the service proves it.")
+    lines = _Lines(console)
     with Live(console=console, refresh_per_second=1 / _EVERY_S, transient=True) as live:
         while session.phase is Phase.PROVING:
             fields = session.fields()
+            lines.tell(str(fields["trouble"] or fields["message"]))
             live.update(Text(fields["trouble"] or fields["message"]))
             select.select([], [], [], _EVERY_S)
     fields = session.fields()

@@ -141,6 +141,16 @@ def test_damage_is_said_and_is_exit_65(folder: Path) -> None:
     assert "NOT whole" in result.stderr
 
 
+@pytest.mark.parametrize(
+    ("line", "said"), [(b"\xff\xfe\n", "it is not UTF-8 text"), (b'{"number": \n', "it is not JSON, or a part of it")]
+)
+def test_a_line_that_no_entry_can_be_is_told_in_words_for_a_person(folder: Path, line: bytes, said: str) -> None:
+    file = segments(folder)[0]
+    lines = file.read_bytes().splitlines(keepends=True)
+    file.write_bytes(b"".join([*lines[:2], line, *lines[3:]]))
+    assert f"line 3: is not an entry ({said}" in asked(folder, "--verify").stderr
+
+
 def test_a_chain_that_was_begun_again_is_told(folder: Path) -> None:
     (folder / "alarm-memory.json").unlink()
     AlarmLog(folder).append(NOON, 0, "started", {}, None)

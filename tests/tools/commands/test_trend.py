@@ -87,6 +87,8 @@ def test_a_damaged_log_tells_what_it_still_holds(tmp_path: Path) -> None:
     segment.write_bytes(b"".join([*lines[:-2], b"not JSON\n"]))
     result = asked(folder)
     assert (result.exit_code, "steady" in result.stdout) == (65, True)
+    assert result.stderr.startswith("the alarm log is damaged: ")
+    assert "is not an entry (it is not JSON, or a part of it is missing)" in result.stderr
 
 
 @pytest.mark.parametrize("checks", [[], {"rotation-axial": 3}, {"rotation-axial": ["a", 1, 2]}, {"": [1, 2, 3]}, None])
