@@ -46,7 +46,9 @@ def command(recordings: tuple[Path, ...], form: str, output: Path | None) -> Non
     if not path.name.endswith(ending):
         raise click.UsageError(f"--output {path.name} does not end in {ending}")
     check_new(path)
-    number = export(series[0], form, path)
+    number, left_out = export(series[0], form, path)
     if damage := series[0].damage_text:
         click.secho(f"damaged: {damage}", err=True, fg="yellow")
+    if left_out:
+        click.secho(f"left out: {left_out} pictures of another size than the first", err=True, fg="yellow")
     click.echo(f"written: {path}, {number} {'poses' if form == 'csv' else 'pictures'}")

@@ -15,6 +15,7 @@ from tools.monitoring.reading import Exposition
 from tools.shared.absent_service import warn_if_absent
 from tools.shared.called_host import endpoint_text
 from tools.shared.named_cart import socket_option
+from tools.shared.without_effect import refuse_typed
 
 _LISTEN = "127.0.0.1:9797"
 """No port that Prometheus' list of exporters or Debian's packages gives to another program, as far as known."""
@@ -66,6 +67,10 @@ def command(
     """
     if once and textfile is not None:
         raise click.UsageError("--once prints and ends, and writes no --textfile. Leave one of them out")
+    if once:
+        refuse_typed(("--listen", "--host", "--every"), "--once")
+    if no_http:
+        refuse_typed(("--listen", "--host"), "--no-http")
     exposition = Exposition(control_socket)
     if once:
         text = exposition.text()

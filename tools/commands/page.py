@@ -26,6 +26,7 @@ from tools.shared.absent_service import warn_if_absent
 from tools.shared.called_host import endpoint_text
 from tools.shared.named_cart import SOCKET, config_option, own_cart
 from tools.shared.status_watch import StatusWatch
+from tools.shared.without_effect import refuse_typed
 
 _LISTEN = "127.0.0.1:9780"
 """No port that Debian's packages give to another program, as far as known; beside that of the metrics."""
@@ -35,6 +36,8 @@ _EVERY_S = 0.2
 """Between two questions to the service while somebody looks: four of its ticks."""
 _LONGEST_HEADERS = 16_384
 """Bytes: browsers send some 1000."""
+
+_SERVING_ALONE = ("--socket", "--feed", "--listen", "--host", "--cart", "--folder")
 
 
 def _name() -> str:
@@ -76,6 +79,7 @@ def command(
     elsewhere. docs/page.md has pictures of it; docs/security.md says what listens.
     """
     if ask:
+        refuse_typed(_SERVING_ALONE, "--token, which asks a page that runs")
         token, url = invitation(door or _DOOR)
         click.echo(f"{url}recalibrate\ntoken: {token}   (once, within {TOKEN_S / 60:.0f} minutes)")
         return

@@ -151,8 +151,9 @@ def command(
     _tell_refused(refused, several, recordings)
     if len(several) > 1:
         _refuse_for_several(poses=poses, inject=schedule.episodes, estimate=estimate_path, html=html_path)
+        content = None if calibration is None else calibration_bytes(calibration)
         named = (probe, reference, orientation)
-        tasks = [ArchiveTask(_path(one), calibration, judging, _parts(one), *named) for one in several]
+        tasks = [ArchiveTask(_path(one), calibration, judging, _parts(one), *named, content=content) for one in several]
         subject = Subject.of((), calibration, config_path, schedule)
         for name, said in subject.rows():  # beside the table, which a pipe cuts into columns
             click.echo(f"{name + ':':<18}{said}", err=True)

@@ -18,7 +18,7 @@ from tools.shared.found_recordings import found
 from tools.shared.tables import NOTHING, FittingTable
 from tools.shared.terminal import progress_bar
 from tools.shared.without_effect import refuse_typed
-from tools.study.archive import ARCHIVE_KEYS, NOT_FETCHED, ArchiveTask, archive_table
+from tools.study.archive import ARCHIVE_KEYS, CALIBRATION, NOT_FETCHED, ArchiveTask, archive_table
 from tools.study.hand import ALL, PROGRAMS
 from tools.study.hazard import STANDARD, WITHIN, Hazard
 from tools.study.page import check_page, write_page
@@ -276,6 +276,7 @@ def _archive(recordings: tuple[str, ...], calibration: Path | None) -> list[Arch
 
 def _study_recordings(archive: list[ArchiveTask], output: Path, jobs: int, scheduler: str | None) -> None:
     table = StudyTable(output / "recordings.csv", ARCHIVE_KEYS)
+    _refuse_other_calibration(archive, table)
     left = [task for task in archive if (str(task.recording),) not in table.done]
     if len(left) < len(archive):
         click.echo(f"{len(archive) - len(left)} of {len(archive)} recordings are in {table.path} already")
@@ -289,6 +290,20 @@ def _study_recordings(archive: list[ArchiveTask], output: Path, jobs: int, sched
     if away:
         what = f"{len(away)} of {len(archive)} recordings could not be fetched"
         raise DeviceLost(what, away[0]["recording"], "What is done stays, so start it again")
+
+
+def _refuse_other_calibration(archive: list[ArchiveTask], table: StudyTable) -> None:
+    """Refuses a table that has one of the recordings as another calibration had it judged: its row would be kept."""
+    by = {row["recording"]: row[CALIBRATION] for row in table.rows}
+    for task in archive:
+        kept = by.get(str(task.recording), task.judged_by)
+        if kept != task.judged_by:
+            what = f"has {task.recording} as judged by {_named(kept)}; now it would be by {_named(task.judged_by)}"
+            raise ConfigurationError(what, str(table.path), "Give another folder with --output")
+
+
+def _named(sha256: str) -> str:
+    return f"the calibration with SHA-256 {sha256[:12]}…" if sha256 else "that of the black box"
 
 
 def _say(text: str) -> None:

@@ -59,7 +59,7 @@ def command(folder: Path, reference: int | None, html_path: Path | None, as_json
         styles = ["yellow" if one.moving or one.near else "" for one in found.values()]
         Console(highlight=False).print(FittingTable(_HEADINGS, rows, styles, right_from=1), crop=False)
     else:
-        click.echo(f"{folder} holds no estimates yet: the service notes one every five minutes while it is verified")
+        click.echo(_nothing(folder, number, _references(entries)))
     if html_path is not None:
         write_trend_page(html_path, number, found, {name: unit_of(name) for name in found}, _HEADINGS, rows)
         click.echo(f"written: {html_path}", err=as_json)
@@ -103,8 +103,20 @@ def unit_of(name: str) -> str:
 
 
 def _latest(entries: tuple[Entry, ...]) -> int | None:
+    return next(reversed(_references(entries)), None)
+
+
+def _references(entries: tuple[Entry, ...]) -> list[int]:
+    """Returns the references that have estimates, the latest last."""
     numbers = (entry.data.get("reference") for entry in reversed(entries) if entry.event == Event.ESTIMATE)
-    return next((number for number in numbers if isinstance(number, int)), None)
+    return list(dict.fromkeys(number for number in numbers if isinstance(number, int)))[::-1]
+
+
+def _nothing(folder: Path, number: int | None, others: list[int]) -> str:
+    if number is not None and others and number not in others:
+        held = ", ".join(map(str, others))
+        return f"{folder} holds no estimates of reference {number}, only of {held}: give --reference {others[-1]}"
+    return f"{folder} holds no estimates yet: the service notes one every five minutes while it is verified"
 
 
 def _code(found: dict[str, Trend]) -> int:

@@ -89,6 +89,8 @@ def broker_of(
         raise ConfigurationError("everybody on the network could read the password", printable(url), remedy)
     if not secure and (ca or certificate or key):
         raise ConfigurationError("does not use the certificates that are named", printable(url), "Use mqtts://")
+    if key is not None and certificate is None:
+        raise ConfigurationError("a key without its certificate is never used", str(key), "Give --certificate as well")
     if password_file is not None and user is None:
         raise ConfigurationError("a password without a user is never sent", str(password_file), "Give --user as well")
     password = None if password_file is None else _password(password_file)

@@ -5,6 +5,7 @@ import io
 from bisect import bisect
 from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -33,8 +34,15 @@ _BAND_PX = 24
 """Under the picture, for what was said: a line of letters."""
 
 
-def export(series: Series, form: str, path: Path) -> int:
-    """Returns how many pictures, or poses of a table, were written. Raises RecordingError where there are none,
+class Written(NamedTuple):
+    """number: of pictures, or poses of a table. left_out: pictures of another size than the first."""
+
+    number: int
+    left_out: int = 0
+
+
+def export(series: Series, form: str, path: Path) -> Written:
+    """Raises RecordingError where there are none,
     ConfigurationError where the file cannot be written.
     """
     write = {".igs.mha": _sequence, ".igs.nrrd": _sequence, "csv": _table, "mp4": _film}[form]
@@ -58,14 +66,14 @@ def items(series: Series) -> Iterator[SequenceItem]:
         yield SequenceItem(t_ns, frame.image, found, frame.sequence)
 
 
-def _sequence(series: Series, path: Path) -> int:
+def _sequence(series: Series, path: Path) -> Written:
     size_px = _size_px(series)
     counted = _Counted(items(series), size_px)
     if path.suffix == ".nrrd":
         write_nrrd(path, counted, size_px)
     else:
         write_metaimage(path, counted, size_px)
-    return counted.number
+    return Written(counted.number, counted.left_out)
 
 
 class _Counted:
@@ -73,15 +81,18 @@ class _Counted:
 
     def __init__(self, found: Iterable[SequenceItem], size_px: tuple[int, int]) -> None:
         self._found, self._shape, self.number = found, size_px[::-1], 0
+        self.left_out = 0
 
     def __iter__(self) -> Iterator[SequenceItem]:
         for item in self._found:
             if item.image is not None and item.image.shape == self._shape:
                 self.number += 1
                 yield item
+            else:
+                self.left_out += 1
 
 
-def _table(series: Series, path: Path) -> int:
+def _table(series: Series, path: Path) -> Written:
     """Writes every pose with the latest verdict and the state, beside the columns that `replay --poses` reads."""
     text, number = io.StringIO(newline=""), 0
     writer = csv.DictWriter(text, (*POSE_COLUMNS, "t_ns", "verdict", "fault", "state"))
@@ -101,7 +112,7 @@ def _table(series: Series, path: Path) -> int:
         raise RecordingError("holds no poses", str(series.boxes[0].path), "Export its pictures: --to mp4")
     with writing(path) as stream:
         stream.write(text.getvalue().encode())
-    return number
+    return Written(number)
 
 
 def _cells(pose: Pose, start_ns: int) -> dict[str, object]:
@@ -113,7 +124,7 @@ def _cells(pose: Pose, start_ns: int) -> dict[str, object]:
     return own | dict(zip(POSE_COLUMNS[3:], numbers, strict=True))
 
 
-def _film(series: Series, path: Path) -> int:
+def _film(series: Series, path: Path) -> Written:
     """Writes the pictures with a line under each: time, state, verdict and its reason."""
     width, height = _size_px(series)
     size_px = width + width % 2, height + _BAND_PX + height % 2
@@ -122,7 +133,7 @@ def _film(series: Series, path: Path) -> int:
     if not writer.isOpened():
         remedy = "Name a .mp4 in a folder that exists and may be written to"
         raise ConfigurationError("cannot be written as MP4", str(path), remedy)
-    number, verdict, state, start_ns = 0, None, "", None
+    number, left_out, verdict, state, start_ns = 0, 0, None, "", None
     try:
         for item, _ in series.items():
             if isinstance(item, Verdict):
@@ -131,13 +142,15 @@ def _film(series: Series, path: Path) -> int:
                 verdict = None
             elif isinstance(item, State):
                 state = str(item.status.get("state", ""))
-            elif isinstance(item, Frame) and item.image.shape == (height, width):
+            elif isinstance(item, Frame) and item.image.shape != (height, width):
+                left_out += 1
+            elif isinstance(item, Frame):
                 start_ns = item.stamp.t_ns if start_ns is None else start_ns
                 writer.write(_drawn(item.image, size_px, (item.stamp.t_ns - start_ns) / 1e9, state, verdict))
                 number += 1
     finally:
         writer.release()
-    return number
+    return Written(number, left_out)
 
 
 def _drawn(image: GreyImage, size_px: tuple[int, int], t_s: float, state: str, verdict: Verdict | None) -> GreyImage:

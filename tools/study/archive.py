@@ -1,5 +1,6 @@
 """What the instrument says of real recordings, a row for each; no truth is known there."""
 
+import hashlib
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -24,6 +25,8 @@ NOT_FETCHED = "not fetched"
 """How the error of a recording begins that did not come."""
 ARCHIVE_KEYS = ("recording",)
 """Columns that name a row."""
+CALIBRATION = "calibration_sha256"
+"""Column with the file by which a recording was judged; empty for a black box that was judged by its own."""
 
 
 @dataclass(frozen=True)
@@ -45,11 +48,16 @@ class ArchiveTask:
     urls: tuple[str, ...] = ()
     content: bytes | None = None
 
+    @property
+    def judged_by(self) -> str:
+        """SHA-256 of the calibration's file, empty without one."""
+        return "" if self.content is None else hashlib.sha256(self.content).hexdigest()
+
     def rows(self) -> list[dict[str, str]]:
         """One row; what cannot be used has its error in it, so that the rest of an archive goes on. NOT_FETCHED begins
         one that may be gone another time.
         """
-        row = {"recording": str(self.recording), **dict.fromkeys(_COLUMNS, "")}
+        row = {"recording": str(self.recording), **dict.fromkeys(_COLUMNS, ""), CALIBRATION: self.judged_by}
         try:
             if not self.urls:
                 return [row | self._said()]
@@ -149,4 +157,5 @@ _COLUMNS = (
     "live",
     "error",
     *_OF_EACH,
+    CALIBRATION,
 )

@@ -80,6 +80,12 @@ def test_too_few_estimates_say_so(tmp_path: Path) -> None:
     assert (few.exit_code, "not known yet" in few.stdout) == (3, True)
 
 
+def test_a_reference_that_never_was_is_not_told_to_wait(folder: Path) -> None:
+    result = asked(folder, "--reference", "7")
+    assert result.exit_code == 3
+    assert "no estimates of reference 7, only of 1, 2: give --reference 2" in result.stdout.replace("\n", " ")
+
+
 def test_a_damaged_log_tells_what_it_still_holds(tmp_path: Path) -> None:
     folder = made(tmp_path / "alarms", ((1, 0.0, 40),))
     segment = segments(folder)[-1]

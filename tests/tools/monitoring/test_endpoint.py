@@ -198,3 +198,16 @@ def test_nothing_to_do_is_refused(tmp_path: Path) -> None:
     program = run("--no-http")
     assert "needs --textfile" in program.communicate(timeout=60)[1]
     assert program.returncode == 2
+
+
+@pytest.mark.parametrize(
+    ("typed", "what"),
+    [
+        (("--once", "--listen", "127.0.0.1:1"), "--listen has no effect with --once"),
+        (("--once", "--every", "30"), "--every has no effect with --once"),
+        (("--no-http", "--textfile", "x.prom", "--host", "cart-2"), "--host has no effect with --no-http"),
+    ],
+)
+def test_an_option_without_effect_is_refused(typed: tuple[str, ...], what: str) -> None:
+    ended = CliRunner().invoke(probewatch, ["metrics", *typed])
+    assert (ended.exit_code, what in ended.output) == (2, True)

@@ -431,3 +431,8 @@ def test_verified_is_what_the_outputs_have_written() -> None:
 def test_a_name_that_is_empty_makes_no_topic(option: str) -> None:
     answer = answered("mqtt", "--broker", "mqtt://127.0.0.1", option, "")
     assert (answer.returncode, f"'{option}': must not be empty" in answer.stderr) == (2, True), answer
+
+
+def test_a_key_that_is_not_used_is_refused() -> None:
+    with pytest.raises(ConfigurationError, match=r"key without its certificate is never used\. Give --certificate"):
+        broker_of("mqtts://broker.example", None, None, None, None, Path("cart.key"))

@@ -78,6 +78,13 @@ def test_whoever_starts_a_page_is_told_how_to_get_a_token_of_it(tmp_path: Path) 
     assert f"probewatch page --door {tmp_path / 'door'}" in shown.stderr
 
 
+def test_where_to_listen_is_no_option_of_asking_a_page_that_runs(tmp_path: Path) -> None:
+    """Nobody would see that the token is of the page at another address."""
+    asked = answered("page", "--token", "--door", tmp_path / "door", "--listen", "127.0.0.1:1")
+    assert asked.returncode == 2
+    assert "--listen has no effect with --token" in asked.stderr
+
+
 def test_a_door_that_another_page_serves_is_told_as_that(tmp_path: Path) -> None:
     """It said that another service runs, and to stop that: the contact would have opened."""
     path = tmp_path / "door"

@@ -157,3 +157,20 @@ def test_without_a_second_body_none_is_exported(box: Path, tmp_path: Path) -> No
     session = open_recording(exported(box, ".igs.mha", tmp_path / "scan.igs.mha"))
     assert session.poses.transform_names() == ["ProbeToTracker"]
     assert {pose.witness for pose in session.pose_samples()} == {None}
+
+
+@pytest.mark.parametrize(("form", "number"), [(".igs.mha", 9), (".igs.nrrd", 9), ("mp4", 9), ("csv", 12)])
+def test_pictures_of_another_size_are_left_out_with_a_word(tmp_path: Path, form: str, number: int) -> None:
+    """A grabber that changes its mode: the film had fewer pictures, and nobody knew."""
+    size_px = (SIZE_PX[0] // 2, SIZE_PX[1])
+    found = [
+        replace(one, image=picture(one.sequence, size_px)) if isinstance(one, Frame) and one.sequence > 18 else one
+        for one in samples()
+    ]
+    reference = Calibration(np.eye(3), (1, 1), np.array([0.1, 0.1]), np.zeros(3), SIZE_PX)
+    record(tmp_path / "scan.mcap", EstimatorSettings(1, reference, Limits(), 500_000_000), found)
+    ending = form if form.startswith(".") else f".{form}"
+    asked = [str(tmp_path / "scan.mcap"), "--to", form, "--output", str(tmp_path / f"out{ending}")]
+    result = CliRunner().invoke(command, asked, catch_exceptions=False)
+    assert f", {number} p" in result.output
+    assert ("left out: 3 pictures of another size" in result.output) is (form != "csv")

@@ -1,6 +1,7 @@
 """Archives of recordings: folders and object stores, one row each, on a Dask cluster whose scheduler may vanish."""
 
 import csv
+import hashlib
 import io
 import signal
 import socket
@@ -152,6 +153,21 @@ def test_a_folder_is_studied_by_path_and_by_address(
     assert done.exception is None, done.output
     (row,) = rows_of(tmp_path / "out")
     assert (row["recording"], row["frames"], row["error"]) == (how.format(folder / recording.name), "40", "")
+
+
+def test_a_row_is_not_kept_for_another_calibration(recording: Path, calibration: Path, tmp_path: Path) -> None:
+    """Nobody would see that what stands there was judged by the calibration of last week."""
+    out = "--output", tmp_path / "out", "--jobs", 1
+    assert study(recording, "--calibration", calibration, *out).exit_code == 0
+    (row,) = rows_of(tmp_path / "out")
+    assert row["calibration_sha256"] == hashlib.sha256(calibration.read_bytes()).hexdigest()
+    assert study(recording, "--calibration", calibration, *out).exit_code == 0
+    calibration.write_text(calibration.read_text().replace("0.2", "0.3"))
+    again = study(recording, "--calibration", calibration, *out)
+    assert isinstance(again.exception, ConfigurationError)
+    assert row["calibration_sha256"][:12] in str(again.exception)
+    assert "--output" in str(again.exception)
+    assert rows_of(tmp_path / "out") == [row]
 
 
 class Cluster:
