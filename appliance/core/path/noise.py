@@ -191,7 +191,17 @@ class Blocks:
         with half of its variance.
         """
         usual_s = float(np.median(np.diff(self.t_s))) if len(self) > 1 else _BLOCK_S
-        length = self.count / np.median(self.count) * usual_s / _MEMORY_S
+        length_s = self.count / np.median(self.count) * usual_s
+        covariance = self._of_means(length_s)
+        if dpotrf(covariance, lower=True)[1]:  # blocks that overlap, where pictures were kept now and then
+            gaps_s = np.diff(self.t_s)
+            room_s = np.minimum(np.append(gaps_s, gaps_s[-1]), np.append(gaps_s[0], gaps_s))
+            covariance = self._of_means(np.minimum(length_s, room_s))
+        return covariance
+
+    def _of_means(self, length_s: Array) -> Array:
+        """Covariance of such means over times of this length about each block's; none where these overlap too far."""
+        length = length_s / _MEMORY_S
         shared = np.sinh(length / 2) / (length / 2)
         covariance = np.exp(-self.apart_s / _MEMORY_S) * np.outer(shared, shared)
         np.fill_diagonal(covariance, 2 * (length - 1 + np.exp(-length)) / length**2)

@@ -141,3 +141,28 @@ def test_breathing_is_taken_out_of_a_path_and_motion_is_left() -> None:
     clean = path - learned.rows[0].tissue(path)
     assert np.std(clean - quick) < 0.15
     assert np.std(clean) > 0.2
+
+
+@pytest.mark.parametrize("fps", [10, 15, 20, 25, 30, 60])
+def test_noise_with_a_memory_is_one_however_few_pictures_a_block_has(fps: int) -> None:
+    """A recording of 20 Hz that rests now and then keeps one picture here and three there; replay ended in ValueError."""
+    random = np.random.default_rng(fps)
+    least = []
+    for _ in range(60):
+        kept = np.flatnonzero(random.random(3 * fps) < random.uniform(0.2, 1.0))
+        t_s = kept / fps
+        given = Blocks.of(t_s, np.cumsum(np.diff(t_s, prepend=0.0) > 0.5))
+        memory = given.parts(np.zeros(len(given)))[MEMORY]
+        least.append(np.linalg.eigvalsh(memory)[0])
+        usual = LearnedNoise(given, given.parts(np.zeros(len(given))), noise())
+        assert np.isfinite(usual.rows[0].log_volume)
+    assert min(least) > 0
+
+
+def test_blocks_that_do_not_overlap_keep_their_noise_bit_for_bit() -> None:
+    given = blocks(90, 1)
+    length = given.count / np.median(given.count) * float(np.median(np.diff(given.t_s))) / 0.15
+    shared = np.sinh(length / 2) / (length / 2)
+    wanted = np.exp(-given.apart_s / 0.15) * np.outer(shared, shared)
+    np.fill_diagonal(wanted, 2 * (length - 1 + np.exp(-length)) / length**2)
+    np.testing.assert_array_equal(given.parts(np.zeros(len(given)))[MEMORY], wanted)
