@@ -5,6 +5,7 @@ The first name of each field is the one by which it is read from here on; PLUS w
 
 import re
 from collections.abc import Mapping
+from decimal import Decimal, InvalidOperation
 
 IMAGE_STATUS, ORIENTATION, IMAGE_TYPE = "ImageStatus", "UltrasoundImageOrientation", "UltrasoundImageType"
 NAMES: Mapping[str, tuple[str, ...]] = {
@@ -16,6 +17,11 @@ NAMES: Mapping[str, tuple[str, ...]] = {
 underscores make no difference: scripts write them otherwise."""
 _TIMES = re.compile(r"axis ([0-9]+) index values")
 """3D Slicer's key for the times of a sequence, s, all in one line."""
+_QUOTED = re.compile(r'"([^"]*)"')
+_UNITS_PER_S = {"s": 1, "sec": 1, "second": 1, "seconds": 1, "ms": 1000, "us": 1_000_000, "µs": 1_000_000}
+"""Unit of the axis of a 3D Slicer sequence → how many are a second."""
+_LABELS_OF_TIME = ("", "time", "t")
+"""Labels of that axis without a unit that are taken for s; "frame" counts pictures, "%R-R" a heart's beat."""
 _FROM = (0, 1)
 """Numbers of the first frame: PLUS and 3D Slicer count from 0, MATLAB scripts from 1."""
 
@@ -51,9 +57,37 @@ def missing(frames: Mapping[int, Fields], count: int) -> int | None:
 
 
 def index_times(general: Mapping[str, str], axis: int) -> dict[int, Fields]:
-    """Times of a 3D Slicer sequence, which are the values of an axis; empty where it has none."""
+    """Times of a 3D Slicer sequence, which are the values of an axis, in s; empty where it has none. Raises ValueError,
+    with what the values are, where they are no times.
+    """
     for name, value in general.items():
         match = _TIMES.fullmatch(name)
         if match and int(match[1]) == axis:
-            return {index: {"Timestamp": text} for index, text in enumerate(value.split())}
+            per_s = _per_s(general, axis)
+            return {index: {"Timestamp": _seconds(text, per_s)} for index, text in enumerate(value.split())}
     return {}
+
+
+def _per_s(general: Mapping[str, str], axis: int) -> int:
+    """How many of the axis's units are a second."""
+    if (kind := general.get(f"axis {axis} index type", "numeric").lower()) != "numeric":
+        raise ValueError(f"of type {kind!r}")
+    label, unit = (_of_axis(general.get(field, ""), axis) for field in ("labels", "units"))
+    if unit.lower() in _UNITS_PER_S:
+        return _UNITS_PER_S[unit.lower()]
+    if unit or label.lower() not in _LABELS_OF_TIME:
+        raise ValueError(f"{label or 'values'!r} in {unit!r}" if unit else f"{label!r} without a unit")
+    return 1
+
+
+def _of_axis(text: str, axis: int) -> str:
+    """The word of one axis out of those of all, each in quotes."""
+    words = _QUOTED.findall(text)
+    return words[axis].strip() if axis < len(words) else ""
+
+
+def _seconds(text: str, per_s: int) -> str:
+    try:
+        return text if per_s == 1 else str(Decimal(text) / per_s)
+    except InvalidOperation:
+        return text  # whoever reads the time says what is wrong with it

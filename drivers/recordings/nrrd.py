@@ -55,7 +55,7 @@ def read_nrrd(path: Path, orientation: str | None = None) -> MetaImage:
         if general.get("line skip", general.get("lineskip", "0")) != "0":
             raise RecordingError("line skip is not 0", str(path), "Store the pictures without a header of their own")
         general = _with_list(general, len(frames))
-        frames = frames or index_times(general, len(general.get("kinds", "").split()) - 1)
+        frames = frames or _index_times(path, general)
         _refuse_volume(path, general, frames)
         return checked_header(path, _as_metaimage(path, general, encoding, named), frames, offset, orientation, _GZIP)
     except OSError as error:
@@ -92,6 +92,17 @@ def write_nrrd(
         with replacing(path) as stream:
             stream.write("\n".join([*head, *own, "\n"]).encode())
             shutil.copyfileobj(data, stream, BLOCK_BYTES)
+
+
+def _index_times(path: Path, general: dict[str, str]) -> dict[int, dict[str, str]]:
+    """See index_times. Raises RecordingError."""
+    axis = len(general.get("kinds", "").split()) - 1
+    try:
+        return index_times(general, axis)
+    except ValueError as error:
+        what = f"axis {axis} index values are {printable(str(error))}: no times of pictures"
+        remedy = "Store the sequence with its times in s (index name time, unit s), as it was recorded"
+        raise RecordingError(what, str(path), remedy) from None
 
 
 def _with_list(general: dict[str, str], count: int) -> dict[str, str]:

@@ -206,6 +206,38 @@ def test_a_slicer_sequence_has_its_times_on_an_axis(tmp_path: Path) -> None:
     assert recording.size_px == SIZE_PX
 
 
+def slicer(path: Path, index: str) -> Path:
+    """A sequence of 3D Slicer whose axis of pictures is described by these lines."""
+    head = "NRRD0004\ntype: unsigned char\ndimension: 4\nsizes: 7 5 1 4\nkinds: domain domain domain list\n"
+    path.write_bytes((head + "encoding: raw\n" + index + "\n\n").encode() + bytes(7 * 5 * 4))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("unit", "values"), [("s", "0.5 0.58 0.66 0.74"), ("ms", "500 580 660 740"), ("us", "5e5 5.8e5 6.6e5 7.4e5")]
+)
+def test_times_of_a_slicer_sequence_have_the_unit_of_their_axis(tmp_path: Path, unit: str, values: str) -> None:
+    index = f'labels: "" "" "" "time"\nunits: "mm" "mm" "mm" "{unit}"\naxis 3 index values:={values}'
+    sequence = read_sequence(slicer(tmp_path / "scan.seq.nrrd", index), "MF")
+    assert [sequence.stamp_ns(k) for k in range(4)] == [500_000_000, 580_000_000, 660_000_000, 740_000_000]
+
+
+@pytest.mark.parametrize(
+    ("index", "what"),
+    [
+        ("axis 3 index type:=text\naxis 3 index values:=0 1 2 3", "are of type 'text'"),
+        ('labels: "" "" "" "frame"\naxis 3 index values:=0 1 2 3', "are 'frame' without a unit"),
+        ('labels: "" "" "" "%R-R"\nunits: "" "" "" "%"\naxis 3 index values:=0 25 50 75', "are '%R-R' in '%'"),
+    ],
+)
+def test_an_axis_that_only_counts_has_no_times(tmp_path: Path, index: str, what: str) -> None:
+    """Pictures 0 1 2 3 were taken for pictures a second apart, and the report was of that."""
+    with pytest.raises(RecordingError) as told:
+        read_sequence(slicer(tmp_path / "scan.seq.nrrd", index), "MF")
+    assert f"axis 3 index values {what}: no times of pictures" in str(told.value)
+    assert "unit s" in str(told.value)
+
+
 def test_what_older_slicers_stored_pixel_by_pixel_is_said(tmp_path: Path) -> None:
     path = written(tmp_path / "old.nrrd", ("kinds: domain domain domain list", "kinds: list domain domain domain"))
     with pytest.raises(RecordingError, match=r"pixel by pixel, as older versions of 3D Slicer do. Open it in a newer"):
