@@ -52,6 +52,9 @@ calibration."""
 _SCALE_RANGE_MM = (1e-3, 10.0)
 """mm per px. Pictures of 1 to 30 cm in 200 to 2000 px have .005 to 1.5; metres and micrometres for mm lie outside."""
 
+_LARGEST_MM = 1000.0
+"""Side of a picture: scanners show up to some 300 mm of depth. An inverse of .3 mm/px has 3.2, and makes 640 px 2 m."""
+
 _FARTHEST_MM = 2000.0
 """Of the picture's centre from the marker body, which sits on the probe: public device sets have up to some 150 mm.
 More is in another unit, or of another body; less might refuse a long holder."""
@@ -196,6 +199,9 @@ def calibration_from_image_to_probe(
         what = f"has scales {scale[0]:.4g} and {scale[1]:.4g} mm/px, not within 0.001 to 10"
         raise _no_calibration(what, where, _how_scaled(scale))
     _check_measured(scale, where)
+    if (side_mm := float(np.max(scale * image_size_px))) > _LARGEST_MM:
+        what = f"makes the picture {side_mm / 1000:.2g} m large"
+        raise _no_calibration(what, where, "Is it the inverse, ProbeToImage? Invert it; its columns are mm per pixel")
     axes = matrix[:3, :2] / (scale * polarity)
     if abs(axes[:, 0] @ axes[:, 1]) > _MAX_SKEW:
         raise _no_calibration(f"is sheared: the cosine of its picture axes is {axes[:, 0] @ axes[:, 1]:.3f}", where)

@@ -371,6 +371,7 @@ PIXELS[:3, 3] = 10, 20, 1
         (np.diag([1e-3, 1e-3, 1e-3, 1]) @ PIXELS, "scales 8e-05 and 7e-05", "in metres? Multiply"),
         (np.diag([1e3, 1e3, 1e3, 1]) @ PIXELS, "scales 80 and 70", "divide its upper three rows by 1000"),
         (np.linalg.inv(PIXELS), "scales 12.5 and 14.29", "the inverse, ProbeToImage"),
+        (np.linalg.inv(np.diag([4.0, 4.0, 4.0, 1.0]) @ PIXELS), "the picture 2 m large", "the inverse, ProbeToImage"),
         (PIXELS.T, "the last row 10 20 1 1, not 0 0 0 1", "transposed"),
         (np.diag([0.08, 0.08, 0.08, 2]), "the last row 0 0 0 2", "Calibrate the probe again"),
         (np.diag([np.nan, 0.08, 0.08, 1]), "not finite", "Calibrate the probe again"),
