@@ -265,10 +265,18 @@ def _transform_names(
 
 def _how_to_name(there: list[str]) -> str:
     """What to do about a pose that has another name, by the transforms that are there."""
-    parts = (name.rpartition("To") for name in there)
-    tools = {tool for tool, _, end in parts if tool not in ("", "Reference") and end in ("Reference", "Tracker")}
+    parts = [name.rpartition("To") for name in there]
+    ends = "Reference", "Tracker"
+    tools = {tool for tool, _, end in parts if tool not in ("", "Reference", "Image") and end in ends}
     if not there:
         return "Give the recording with the poses, a sequence or a table, with --poses"
+    inverse = [f"{begin}To{end}" for begin, _, end in parts if begin in ends and end not in (*ends, "Image")]
+    if not tools and inverse:
+        return (
+            f"{inverse[0]} is the other way round: write its inverse, from the tool to {inverse[0].partition('To')[0]}"
+        )
+    if not tools and any(begin == "Image" for begin, _, _ in parts):
+        return "ImageTo… has the calibration in it: record the pose of the tool, such as ProbeToTracker"
     if not tools:
         return "Name the tool with --probe and --reference, or give the poses' recording with --poses"
     listed = " or ".join(f"--probe {name}" for name in sorted(tools))

@@ -83,6 +83,23 @@ def test_absent_transforms_are_named_with_those_that_are_there(session, options,
         open_recording(session, **options)
 
 
+@pytest.mark.parametrize(
+    ("name", "remedy"),
+    [
+        ("TrackerToProbe", "TrackerToProbe is the other way round: write its inverse, from the tool to Tracker"),
+        ("ReferenceToStylus", "ReferenceToStylus is the other way round: write its inverse"),
+        ("ImageToReference", "has the calibration in it: record the pose of the tool, such as ProbeToTracker"),
+        ("StylusToTracker", "Say which of them is on the ultrasound probe: --probe Stylus"),
+    ],
+)
+def test_what_to_do_about_a_pose_of_another_name(tmp_path, name, remedy):
+    """--probe Image was told of a pose that has the calibration in it, and --probe of one that no --probe names."""
+    found = [replace(item, transforms={name: np.eye(4)}) for item in items()]
+    with pytest.raises(RecordingError) as told:
+        open_recording(written(tmp_path / "a.mha", found))
+    assert remedy in told.value.remedy
+
+
 def test_poses_from_a_second_recording(tmp_path, session):
     fast = [replace(item, t_ns=START_NS + index * 20_000_000, image=None) for index, item in enumerate(items(9))]
     write_metaimage(tmp_path / "poses.mha", fast, None)
