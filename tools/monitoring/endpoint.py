@@ -14,6 +14,7 @@ from typing import Any, Self
 from prometheus_client import CONTENT_TYPE_LATEST
 
 from drivers.errors import cannot_listen
+from drivers.printable import printable
 from tools.shared.called_host import called, is_address
 
 _MOST = 16
@@ -30,6 +31,10 @@ _SILENT_S = 5.0
 """For which a client may say nothing, or not read. Longer lets a sleeper keep its place; a shorter time drops a reader
 behind a bad network. Not measured.
 """
+
+
+_NAMED = 100
+"""Characters of a header that a refusal repeats."""
 
 
 @dataclass(slots=True, eq=False)
@@ -128,7 +133,8 @@ class _Handler(BaseHTTPRequestHandler):
         self.server.note_asked(self.connection)
         host = self.headers.get("Host")
         if host is not None and not (is_address(called(host)) or called(host) in self.server.names):
-            self.send_error(403, "this exporter is not called by that name; --host allows another")
+            named = printable(host, _NAMED) or "none"
+            self.send_error(403, "this exporter is not called by that name; --host allows another", f"Host {named}")
             return
         if self.path.partition("?")[0] != "/metrics":
             self.send_error(404, "there is only /metrics")

@@ -284,7 +284,8 @@ class Guard:
     def _foreign(self, headers: Headers, method: str) -> str:
         host = headers.get("host", "")
         if called(host) not in self._hosts:
-            return "this page is not called by that name; --host allows another"
+            named = printable(host, _NAMED) or "none"
+            return f"this page is not called by that name: Host {named}; --host allows another"
         origin = headers.get("origin")
         if method == "POST" and not _is_own(origin, host):
             if origin is None:

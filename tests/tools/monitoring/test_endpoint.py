@@ -1,6 +1,7 @@
 """The HTTP side and the file, over real sockets: hostile and sleeping clients keep nobody out."""
 
 import contextlib
+import html
 import http.client
 import platform
 import signal
@@ -17,6 +18,7 @@ import pytest
 from click.testing import CliRunner
 
 from drivers.errors import ConfigurationError
+from drivers.printable import printable
 from tests.support.answering import Answering
 from tests.support.demo_cart import PROBEWATCH
 from tests.support.polling import until
@@ -75,6 +77,15 @@ def test_it_answers_to_addresses_and_to_its_own_names(endpoint: Endpoint, host: 
     with contextlib.closing(link):
         link.request("GET", "/metrics", headers={"Host": host})
         assert link.getresponse().status == status
+
+
+@pytest.mark.parametrize("host", ["evil.example", "\xff\xfe\x1b[31m" + "x" * 300, "<b>"])
+def test_it_says_by_which_name_it_was_called(endpoint: Endpoint, host: str) -> None:
+    with socket.create_connection(endpoint.server_address[:2], 10) as link:
+        link.sendall(b"GET /metrics HTTP/1.1\r\nHost: " + host.encode("latin-1") + b"\r\n\r\n")
+        answer = b"".join(iter(lambda: link.recv(4096), b"")).decode()
+    assert "403 this exporter is not called by that name" in answer
+    assert f"Host {html.escape(printable(host, 100), quote=False)}" in answer
 
 
 def test_who_names_no_host_is_no_browser(endpoint: Endpoint) -> None:

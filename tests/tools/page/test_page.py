@@ -119,6 +119,11 @@ def test_no_other_page_may_ask(web: WebPage, headers: dict[str, str], status: in
         assert (answer.status, answer.json["ok"]) == (status, False)
 
 
+def test_a_proxy_that_sends_another_name_is_told_which(web: WebPage) -> None:
+    answer = asked(web, "GET", "/", Host="backend:9780")
+    assert (answer.status, "Host backend:9780; --host" in answer.json["error"]) == (403, True)
+
+
 def test_a_page_of_no_origin_may_not_ask(web: WebPage) -> None:
     link = http.client.HTTPConnection(web.address, timeout=10)
     link.request("POST", "/token", b'{"token": "x"}', {"Host": web.address})
