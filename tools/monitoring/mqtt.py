@@ -224,7 +224,7 @@ class Publisher:
 
     def _note_disconnect(self, _client: Client, _data: Any, _flags: Any, reason: Any, _properties: Any) -> None:
         if not self._gone.is_set():
-            self._why = self._client.trouble or f"it has gone ({printable(str(reason))})"
+            self._why = self._client.trouble or self._words_of_leaving(str(reason))
             self._refused = bool(self._client.trouble)
         self._gone.set()
 
@@ -250,7 +250,15 @@ class Publisher:
         said = printable(system_words(error))
         plain = self._broker.tls is not None and isinstance(error, ConnectionResetError | ssl.SSLEOFError)
         plain |= isinstance(error, ssl.SSLError) and error.reason in _IN_THE_CLEAR
+        if isinstance(error, ssl.SSLCertVerificationError):
+            return f"{said}; --ca names who signed it, and --broker the host that it is for"
         return f"{said}; is it a port for mqtts://?" if plain else said
+
+    def _words_of_leaving(self, reason: str) -> str:
+        """A port that speaks TLS breaks off before it has accepted anybody in the clear."""
+        if self._broker.tls is None and not self._connected.is_set():
+            return "it breaks off before it accepts this cart; is it a port for mqtts://?"
+        return f"it has gone ({printable(reason)})"
 
     def _publish_until_lost(self, stop: threading.Event) -> None:
         self._say_well()

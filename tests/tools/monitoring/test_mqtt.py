@@ -436,3 +436,27 @@ def test_a_name_that_is_empty_makes_no_topic(option: str) -> None:
 def test_a_key_that_is_not_used_is_refused() -> None:
     with pytest.raises(ConfigurationError, match=r"key without its certificate is never used\. Give --certificate"):
         broker_of("mqtts://broker.example", None, None, None, None, Path("cart.key"))
+
+
+def test_a_port_that_speaks_tls_alone_is_named_as_that(service: Answering, tmp_path: Path) -> None:
+    """It breaks off as soon as it is spoken to in the clear; "it has gone (Unspecified error)" told no remedy."""
+    with socket.create_server(("127.0.0.1", 0)) as door:
+        door.settimeout(10)
+
+        def breaks_off() -> None:
+            link, _ = door.accept()
+            link.recv(4096)
+            link.close()
+
+        broken = threading.Thread(target=breaks_off)
+        broken.start()
+        said, stop = list[str](), threading.Event()
+        broker = Broker("127.0.0.1", door.getsockname()[1])
+        publisher = Publisher(broker, "cart-2", lambda: None, said.append, "probewatch", "")
+        running = threading.Thread(target=publisher.run, args=(stop,))
+        running.start()
+        until(lambda: said, 20)
+        stop.set()
+        running.join(20)
+        broken.join(20)
+    assert "it breaks off before it accepts this cart; is it a port for mqtts://?" in said[0]

@@ -145,7 +145,7 @@ def test_breathing_is_taken_out_of_a_path_and_motion_is_left() -> None:
 
 @pytest.mark.parametrize("fps", [10, 15, 20, 25, 30, 60])
 def test_noise_with_a_memory_is_one_however_few_pictures_a_block_has(fps: int) -> None:
-    """A recording of 20 Hz that rests now and then keeps one picture here and three there; replay ended in ValueError."""
+    """A recording of 20 Hz that rests keeps one picture here and three there; replay ended in ValueError."""
     random = np.random.default_rng(fps)
     least = []
     for _ in range(60):
