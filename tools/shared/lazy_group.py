@@ -2,6 +2,7 @@
 
 import importlib
 from collections.abc import Mapping
+from itertools import pairwise
 from typing import Any
 
 import click
@@ -57,7 +58,7 @@ def _refuse_swallowed(ctx: click.Context, command: click.Command | None, words: 
     options = [one for one in ([] if command is None else command.params) if isinstance(one, click.Option)]
     taking = {word for one in options if not one.is_flag and not one.count for word in one.opts}
     known = {word for one in options for word in one.opts} | set(ctx.help_option_names)
-    for word, following in zip(words, words[1:], strict=False):
+    for word, following in pairwise(words):
         if word == "--":
             return
         if word in taking and following in known:

@@ -26,10 +26,10 @@ def test_how_far_a_scan_is_stands_in_one_line(fields: dict[str, object], said: s
 def test_a_line_is_told_when_it_is_new_and_not_more_often_than_every_ten_seconds(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    now_s = 0.0
-    monkeypatch.setattr("tools.recalibration.terminal.time.monotonic", lambda: now_s)
+    clock_s = [0.0]
+    monkeypatch.setattr("tools.recalibration.terminal.time.monotonic", lambda: clock_s[0])
     lines, screen = _Lines(Console(file=io.StringIO())), _Lines(Console(file=io.StringIO(), force_terminal=True))
-    for now_s, text in ((0.0, "a"), (1.0, "b"), (11.0, "b"), (30.0, "b"), (31.0, "c")):
+    for clock_s[0], text in ((0.0, "a"), (1.0, "b"), (11.0, "b"), (30.0, "b"), (31.0, "c")):
         lines.tell(text)
         screen.tell("redrawn")
     assert capsys.readouterr().out == "a\nb\nc\n"
