@@ -28,6 +28,9 @@ _ENOUGH_HZ = 20.0
 """Pictures per second of a format that loses nothing, below which one that comes more often is taken. Higher takes JPEG
 where the grabber gives as many in either; lower follows quick motion badly. Not measured."""
 
+_SMALL = ("NV12", "YU12", "YV12", "MJPG", "JPEG")
+"""Formats of fewer bytes a picture than YUYV, so that they may come more often over USB."""
+
 _CLOCK_STEP_HZ = 100_000
 """Pixel clocks that differ by less are one signal: receivers measure them. Less takes jitter for a new signal, more
 misses one of a slightly different rate. Not measured."""
@@ -206,7 +209,7 @@ def _of_slow(node: Node, requested: RequestedFormat, code: str, rate_hz: float) 
     if not rate_hz < _ENOUGH_HZ or (requested.rate_hz is not None and requested.rate_hz < _ENOUGH_HZ):
         return ()
     offered = _offered(node)
-    others = " or ".join(f"format={one}" for one in FORMATS if one in offered and one != code)
+    others = " or ".join(f"format={one}" for one in _SMALL if one in offered and one != code)
     remedy = f"{others} may come more often, or a smaller size=" if others else "A smaller size= may come more often"
     return (f"{code} comes {rate_hz:g} times a second by the word of the device. {remedy}",)
 
