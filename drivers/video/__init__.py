@@ -7,7 +7,7 @@ from drivers.descriptor import CAMERA, FILM, SOCKET, STREAM, VIDEO_NODE, Driver,
 from drivers.video.crop import CROP, ORIENTATION
 
 _FORMATS = (
-    *("GREY", "NV12", "NV21", "YU12", "YV12", "YUYV", "YVYU", "UYVY"),
+    *("GREY", "NV12", "YU12", "YV12", "YUYV", "YVYU", "UYVY"),
     *("RGB3", "BGR3", "XR24", "MJPG", "JPEG"),
 )
 """V4L2's codes of the pixels that `v4l2/pixels.py` makes grey; grabbers for scanners offer one of them, as far as
