@@ -26,10 +26,14 @@ def test_how_far_a_scan_is_stands_in_one_line(fields: dict[str, object], said: s
 def test_a_line_is_told_when_it_is_new_and_not_more_often_than_every_ten_seconds(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    clock_s = [0.0]
-    monkeypatch.setattr("tools.recalibration.terminal.time.monotonic", lambda: clock_s[0])
-    lines, screen = _Lines(Console(file=io.StringIO())), _Lines(Console(file=io.StringIO(), force_terminal=True))
-    for clock_s[0], text in ((0.0, "a"), (1.0, "b"), (11.0, "b"), (30.0, "b"), (31.0, "c")):
+    clock = iter((0.0, 1.0, 11.0, 30.0, 31.0))
+    monkeypatch.setattr("tools.recalibration.terminal.time.monotonic", lambda: next(clock))
+    lines = _Lines(Console(file=io.StringIO()))
+    for text in ("a", "b", "b", "b", "c"):
         lines.tell(text)
-        screen.tell("redrawn")
     assert capsys.readouterr().out == "a\nb\nc\n"
+
+
+def test_a_terminal_that_is_redrawn_gets_no_lines(capsys: pytest.CaptureFixture[str]) -> None:
+    _Lines(Console(file=io.StringIO(), force_terminal=True)).tell("redrawn")
+    assert capsys.readouterr().out == ""
