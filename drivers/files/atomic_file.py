@@ -121,4 +121,6 @@ def check_apart(outputs: Iterable[Path | None], inputs: Iterable[Path | None]) -
 
 def _not_written(path: Path, error: OSError) -> ConfigurationError:
     remedy = "Name a file in a folder that exists and may be written to"
+    if error.errno in (errno.ENOSPC, errno.EDQUOT):
+        remedy = "Make room on its disk, or name a file on another one"
     return ConfigurationError(f"cannot be written: {error.strerror}", str(path), remedy)
