@@ -70,6 +70,8 @@ def heard_in_sequence(
     ConfigurationError.
     """
     recording = open_recording(path)
+    if recording.size_px is None:
+        raise RecordingError("holds no pictures, so nothing was judged", str(path), _NOT_HEALTHY)
     nominal = read_calibration(calibration, recording.size_px)
     line, heard = _line(nominal, limits, stale_ns), Heard(path)
     for sample in watched(recording.samples()):

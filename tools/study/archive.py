@@ -9,7 +9,7 @@ from appliance.core.parameters import MEASURED
 from appliance.core.quality.report import Change, LineReport
 from appliance.limits import Limits
 from appliance.storage.black_box import BlackBox, Series, series_of
-from appliance.storage.calibration_file import calibration_bytes, parse_calibration
+from appliance.storage.calibration_file import calibration_bytes, is_device_set, parse_calibration
 from appliance.supervision.timeline import Judging
 from drivers.errors import ConfigurationError, ProbewatchError, RecordingError
 from drivers.recordings.replay import open_recording
@@ -112,6 +112,8 @@ class ArchiveTask:
         if self.calibration is None:
             raise ConfigurationError("its calibration is not known", str(self.recording), "Give --calibration")
         content = calibration_bytes(self.calibration) if self.content is None else self.content
+        if size_px is None and is_device_set(content):
+            raise RecordingError("holds no pictures", str(self.recording), "Give the recording that has them")
         calibration = parse_calibration(content, self.calibration, size_px, self.probe or "Probe")
         judging = self.judging or Judging(Limits())
         report, changes = run(

@@ -275,6 +275,25 @@ def test_one_file_in_which_nothing_can_be_judged_ends_no_row_of_the_others(recor
     assert all(name in result.output for name in ("good.igs.mha", "poses.mcap", "empty.mcap", "cut.mcap"))
 
 
+def test_poses_alone_and_a_link_to_nothing_are_told_as_what_they_are(recording: Path, calibration: Path) -> None:
+    """The calibration was accused of the first, and the second was not listed at all."""
+    folder = recording.parent
+    write_metaimage(folder / "poses.mha", [replace(one, image=None) for one in items(40, SIZE_PX)], None)
+    (folder / "away.mha").symlink_to(folder / "not-mounted" / "away.mha")
+    matrix = "0.2 0 0 -5 0 0.2 0 -3 0 0 0.2 0 0 0 0 1"
+    device_set = folder / "device-set.xml"
+    transform = f'<Transform From="Image" To="Probe" Matrix="{matrix}"/>'
+    device_set.write_text(
+        f"<PlusConfiguration><CoordinateDefinitions>{transform}</CoordinateDefinitions></PlusConfiguration>"
+    )
+    result = CliRunner().invoke(probewatch, ["replay", str(folder), "--calibration", str(device_set)])
+    assert result.exit_code == 0, result.output
+    assert "poses.mha: holds no pictures" in result.output
+    assert "away.mha: is a link to a file that is not there" in result.output
+    noise = ["noise", str(folder / "poses.mha"), "--calibration", str(device_set), "--output", str(folder / "n.toml")]
+    assert "poses.mha: holds no pictures" in str(CliRunner().invoke(probewatch, noise).exception)
+
+
 def test_a_defect_of_ours_costs_one_row(recording: Path, calibration: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def broken(self: ArchiveTask) -> dict[str, str]:
         raise ValueError("zip() argument 2 is longer than argument 1")
