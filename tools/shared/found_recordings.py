@@ -21,7 +21,6 @@ def found(paths: Sequence[Path]) -> tuple[list[Path | Series], list[str]]:
     boxes: list[BlackBox] = []
     refused: list[str] = []
     for path in paths:
-        refused += [f"{link}: is a link to a file that is not there" for link in _dangling(path)]
         for file in _files(path) if path.is_dir() else (path,):
             try:
                 if is_box(file):
@@ -41,13 +40,6 @@ def _files(folder: Path) -> Iterator[Path]:
         remedy = f"It looks for {', '.join(SUFFIXES)}; name a film or another file itself"
         raise ConfigurationError("holds no recordings", str(folder), remedy)
     return iter(files)
-
-
-def _dangling(folder: Path) -> list[Path]:
-    """Links to recordings that are gone; a share that is not mounted leaves such. Empty for a file."""
-    if not folder.is_dir():
-        return []
-    return sorted(one for one in folder.rglob("*") if one.suffix.lower() in SUFFIXES and not one.exists())
 
 
 def is_box(path: Path) -> bool:

