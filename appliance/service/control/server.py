@@ -281,6 +281,8 @@ def _who(link: socket.socket, number: int) -> Peer:
 
 def _reply(line: bytes, answer: Answer, who: Peer) -> Reply:
     try:
+        if len(line) > _LONGEST_LINE:
+            raise ControlRefused(f"a request has at most {_LONGEST_LINE} bytes")
         try:
             request = request_fields(line, VERSION)
         except ValueError as error:

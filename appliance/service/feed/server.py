@@ -207,7 +207,9 @@ class FeedServer:
 
     def _begin(self, client: _Client, line: bytes, rest: bytes) -> None:
         try:
-            if rest or len(line) > LONGEST_LINE:
+            if len(line) > LONGEST_LINE:
+                raise ProtocolError(f"a request has at most {LONGEST_LINE} bytes")
+            if rest:
                 raise ProtocolError("one line is asked, and nothing after it")
             request = request_of(line)
             if request.pictures and client.uid in self._without_pictures:

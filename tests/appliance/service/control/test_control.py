@@ -149,6 +149,7 @@ def test_nonsense_is_answered_as_such(service: Service, line: bytes) -> None:
         (b'{"v": 1, "do": "status", "do": "echo"}', "the field 'do' is given twice"),
         (b'{"v": 1, "do": "echo", "seconds": NaN}', "not JSON: it has no NaN"),
         (b"hello", "the line is not JSON"),
+        (b'{"v": 1, "do": "status"}' + b" " * 4096, "a request has at most 4096 bytes"),
     ],
 )
 def test_what_a_request_lacks_is_said(service: Service, line: bytes, says: str) -> None:

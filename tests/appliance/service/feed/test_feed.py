@@ -292,6 +292,21 @@ def test_a_request_without_an_end_is_refused_in_words(service: Service) -> None:
         assert b"ends with a line feed" in link.makefile("rb").read()
 
 
+@pytest.mark.parametrize(
+    ("said", "why"),
+    [
+        (b'{"v": 1}' + b" " * 4096 + b"\n", b"a request has at most 4096 bytes"),
+        (b'{"v": 1}\nand more', b"one line is asked, and nothing after it"),
+    ],
+)
+def test_a_request_that_is_too_long_is_told_from_one_that_goes_on(service: Service, said: bytes, why: bytes) -> None:
+    with socket.socket(socket.AF_UNIX) as link:
+        link.connect(str(service.path))
+        link.sendall(said)
+        link.shutdown(socket.SHUT_WR)
+        assert why in link.makefile("rb").read()
+
+
 def test_a_message_can_be_kept_as_it_came(service: Service) -> None:
     with Feed(service.path) as feed:
         service.judged(frame(1100))
