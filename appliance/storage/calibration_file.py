@@ -22,6 +22,7 @@ from drivers.errors import ConfigurationError
 from drivers.files.atomic_file import writing
 from drivers.files.markup import SAVE_AS_UTF_8, NotUtf8Error, text_of, toml_of, xml_of
 from drivers.files.regular_file import read_bounded
+from drivers.recordings.foreign import HEAD_BYTES, kind_of
 from drivers.rigid import nearest_rotation
 from drivers.samples import Matrix4
 
@@ -275,6 +276,8 @@ def _from_toml(data: bytes, path: Path) -> Calibration:
     except ValidationError as error:
         raise Mistakes.found(error, _File, text, path, "Mend it, or restore the file") from None
     except NotUtf8Error as error:
+        if kind := kind_of(data[:HEAD_BYTES]):
+            raise ConfigurationError(f"is {kind}, not a calibration", str(path), _GIVE) from None
         raise ConfigurationError(str(error), str(path), SAVE_AS_UTF_8) from None
     except ValueError as error:
         raise ConfigurationError(f"is neither TOML nor XML: {error}", str(path), _GIVE) from error

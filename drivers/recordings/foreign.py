@@ -81,3 +81,8 @@ def refuse_known(head: bytes, path: Path, wanted: str) -> None:
     for offset, magic, kind, way in _KINDS:
         if head[offset:].startswith(magic):
             raise RecordingError(f"is {kind}, not {wanted}", str(path), way)
+
+
+def kind_of(head: bytes) -> str:
+    """What a file is by its first HEAD_BYTES, such as "an HDF5 file"; empty where that is not known."""
+    return next((kind for offset, magic, kind, _ in _KINDS if head[offset:].startswith(magic)), "")

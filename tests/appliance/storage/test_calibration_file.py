@@ -383,3 +383,17 @@ def test_a_matrix_of_another_unit_or_form_is_told_with_what_to_do_about_it(matri
         calibration_from_image_to_probe(matrix, (640, 480))
     assert what in told.value.what
     assert remedy in told.value.remedy
+
+
+@pytest.mark.parametrize(
+    ("data", "what"),
+    [
+        (b"\x89HDF\r\n\x1a\n" + bytes(400), "is an HDF5 file, not a calibration"),
+        (b"\x89PNG\r\n\x1a\n" + bytes(400), r"is a single picture \(PNG\), not a calibration"),
+        (b"image_to_probe = '\xb5'\n", "is not UTF-8 text: line 1 has the byte 0xb5"),
+    ],
+)
+def test_a_file_of_another_kind_is_named_by_its_kind(tmp_path: Path, data: bytes, what: str) -> None:
+    (tmp_path / "given").write_bytes(data)
+    with pytest.raises(ConfigurationError, match=what):
+        read_calibration(tmp_path / "given")
