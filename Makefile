@@ -47,11 +47,11 @@ contracts: $(VENV)/dev ## who may import whom
 quick: $(VENV)/dev ## the quick test suite alone; in CI none of its tests takes more than 4 s of a processor
 	PROBEWATCH_THIRD=$(THIRD) PROBEWATCH_MOST_CPU_S=4 $(BIN)/pytest -n 2 --durations=20 --dist worksteal -m "not thorough and not slow and not live and not cart and not deb"
 
-thorough: $(VENV)/dev ## the heavier tests (about five minutes); THIRD=1, 2 or 3 for a third of them, as the gate runs
+thorough: $(VENV)/dev ## the heavier tests (half an hour, twice that on a slow machine); THIRD=1, 2 or 3 for a third of them, as the gate runs
 	PROBEWATCH_THIRD=$(THIRD) $(BIN)/pytest --durations=20 -n 2 --dist worksteal -m "thorough and not slow and not live and not cart and not deb"
 
 FRAMES ?= 25000
-invariant: $(VENV)/dev ## the contact never outlives its evidence: 25,000 frames of random disturbances, others for each commit (two minutes); SEED=… FRAMES=… for those of another run
+invariant: $(VENV)/dev ## the contact never outlives its evidence: 25,000 frames of random disturbances, others for each commit (four to seven minutes); SEED=… FRAMES=… for those of another run
 	@exec $(ONE_THREAD) $(BIN)/python -m tests.invariant $(FRAMES) $(SEED)
 
 ##@ Before a release
