@@ -84,7 +84,8 @@ class History(_Stored):
     def entry(self, number: int) -> Entry:
         """Raises ConfigurationError for a number that there is not."""
         if not 1 <= number <= len(self.entries):
-            known = f"there are 1 to {len(self.entries)}" if self.entries else "there is none yet"
+            count = len(self.entries)
+            known = {0: "there is none yet", 1: "there is only number 1"}.get(count, f"there are 1 to {count}")
             raise ConfigurationError(f"is not a reference of this service, {known}", f"reference {number}", _LIST)
         return self.entries[number - 1]
 
