@@ -84,5 +84,5 @@ def refuse_known(head: bytes, path: Path, wanted: str) -> None:
 
 
 def kind_of(head: bytes) -> str:
-    """What a file is by its first HEAD_BYTES, such as "an HDF5 file"; empty where that is not known."""
+    """Returns the kind of a file by its first HEAD_BYTES, such as "an HDF5 file"; empty if it is not recognised."""
     return next((kind for offset, magic, kind, _ in _KINDS if head[offset:].startswith(magic)), "")

@@ -90,4 +90,4 @@ def _seconds(text: str, per_s: int) -> str:
     try:
         return text if per_s == 1 else str(Decimal(text) / per_s)
     except InvalidOperation:
-        return text  # whoever reads the time says what is wrong with it
+        return text  # the reader of the header refuses it, with its frame

@@ -48,6 +48,7 @@ measured."""
 
 _CHANNELS, _SKIPPED = "ElementNumberOfChannels", "HeaderSize"
 _DECIMAL_COMMA = re.compile(r"[+-]?[0-9]+,[0-9]+")
+"""A number as spreadsheets and programs write it in countries with a decimal comma."""
 FRAME_KEY = re.compile(r"Seq_Frame([0-9]{1,9})_(\S+)")
 
 

@@ -122,12 +122,12 @@ class PathWindow:
             self._seen.popleft()
 
     def restart(self) -> None:
-        """What comes next obeys another calibration: forget the pictures, keep the poses."""
+        """Discards the pictures and keeps the poses, because another calibration applies from now on."""
         self._changed()
         self._seen.clear()
 
     def forget_tissue(self) -> None:
-        """The probe may lie on other tissue by now, of which nothing is known."""
+        """Assumes again that the tissue gives way in every manner, because the probe may be on other tissue by now."""
         self._changed()
         self._tissue = DRAGS | PRESSES
 

@@ -1,4 +1,4 @@
-"""What each cause resets in the state of `Evidence`: one row per state (docs/method.md)."""
+"""The table of the states of `Evidence` and what each cause does to them (docs/method.md, What resets what)."""
 
 from collections.abc import Callable, Mapping
 from enum import StrEnum
@@ -16,7 +16,7 @@ class Cause(StrEnum):
 
 
 class State(StrEnum):
-    """What Evidence keeps between pictures; what one row names lives and ends together."""
+    """A group of values that `Evidence` keeps between pictures and always resets together."""
 
     SOLVING = "solution under way"
     MOTION = "motion of the windows"
@@ -37,7 +37,7 @@ class State(StrEnum):
 
 
 class Effect(StrEnum):
-    """What becomes of a state. CUT: what is of `since_ns` or later is discarded, or counts as of then."""
+    """How a cause changes a state. CUT discards values of `since_ns` or later, or dates them before it."""
 
     KEPT = "–"
     CUT = "newer"

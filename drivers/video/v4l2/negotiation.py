@@ -205,7 +205,7 @@ def _quick_enough(node: Node, requested: RequestedFormat, known: list[str]) -> s
 
 
 def _of_slow(node: Node, requested: RequestedFormat, code: str, rate_hz: float) -> tuple[str, ...]:
-    """What to try where pictures come seldom: not every driver reports the rate of a format before it streams."""
+    """Returns a remark for a format below _ENOUGH_HZ; some drivers report no rate of a format before it streams."""
     if not rate_hz < _ENOUGH_HZ or (requested.rate_hz is not None and requested.rate_hz < _ENOUGH_HZ):
         return ()
     offered = _offered(node)

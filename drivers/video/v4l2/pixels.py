@@ -16,6 +16,7 @@ _JPEG_BEGINS = re.compile(rb"\xff\xd8\xff(?![\xd8\xd9\xff])")
 """A JPEG that holds something: encoders send empty ones, which end at once, between two pictures."""
 _JPEG_MARKER = re.compile(rb"\xff([^\x00\xff])")
 _JPEG_BEGIN, _JPEG_ENDS, _JPEG_SCAN = 0xD8, 0xD9, 0xDA
+"""Markers SOI, EOI and SOS of ITU-T T.81, table B.1."""
 _JPEG_PAUSES = range(0xD0, 0xD8)
 """Markers amid the pixels of a JPEG, after which they go on."""
 

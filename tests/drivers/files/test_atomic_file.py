@@ -1,4 +1,4 @@
-"""What a file that cannot be written is told with: the remedy of its own cause."""
+"""A file that cannot be written is refused with the remedy for its own cause."""
 
 import errno
 import os

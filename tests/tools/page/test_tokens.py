@@ -106,7 +106,7 @@ def test_a_door_that_cannot_be_made_is_named_by_its_option(tmp_path: Path) -> No
 def test_a_folder_in_which_no_scan_can_begin_is_told_at_the_start(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], made: bool, told: bool
 ) -> None:
-    """It was told to whoever had begun a scan."""
+    """Only whoever began a scan learned of it."""
     folder = tmp_path / "calibrations"
     if made:
         folder.mkdir()

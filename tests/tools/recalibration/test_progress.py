@@ -1,4 +1,4 @@
-"""What a live scan says where nothing is redrawn, as into the log of a script: it said nothing until its end."""
+"""A live scan without a terminal prints its progress in lines; it printed nothing until its end."""
 
 import io
 

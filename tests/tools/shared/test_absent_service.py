@@ -1,4 +1,4 @@
-"""What runs beside the service says at its start that there is none."""
+"""Programs that run beside the service warn at their start if no service answers."""
 
 from pathlib import Path
 
