@@ -193,9 +193,10 @@ class Blocks:
         usual_s = float(np.median(np.diff(self.t_s))) if len(self) > 1 else _BLOCK_S
         length_s = self.count / np.median(self.count) * usual_s
         covariance = self._of_means(length_s)
-        if dpotrf(covariance, lower=True)[1]:  # blocks that overlap, where pictures were kept now and then
-            gaps_s = np.diff(self.t_s)
-            room_s = np.minimum(np.append(gaps_s, gaps_s[-1]), np.append(gaps_s[0], gaps_s))
+        gaps_s = np.diff(self.t_s)
+        room_s = np.minimum(np.append(gaps_s, np.inf), np.append(np.inf, gaps_s))
+        # Blocks that overlap, where pictures were kept now and then, may have no covariance.
+        if np.any(length_s > room_s) and dpotrf(covariance, lower=True)[1]:
             covariance = self._of_means(np.minimum(length_s, room_s))
         return covariance
 
