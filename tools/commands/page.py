@@ -24,7 +24,7 @@ from tools.page.tokens import TOKEN_S, Tokens
 from tools.recalibration.session import ScanSession
 from tools.shared.absent_service import warn_if_absent
 from tools.shared.called_host import endpoint_text
-from tools.shared.named_cart import SOCKET, config_option, own_cart
+from tools.shared.named_cart import SOCKET, config_option, named_or_own
 from tools.shared.status_watch import StatusWatch
 from tools.shared.without_effect import refuse_typed
 
@@ -83,7 +83,7 @@ def command(
         token, url = invitation(door or _DOOR)
         click.echo(f"{url}recalibrate\ntoken: {token}   (once, within {TOKEN_S / 60:.0f} minutes)")
         return
-    named = config_file or (own_cart() if control is None else None)
+    named = named_or_own(config_file, control)
     config = None if named is None else load_config(named)
     if control is None:
         control = SOCKET if config is None else config.control.socket

@@ -47,7 +47,7 @@ from tools.shared.calendar_option import DAY
 from tools.shared.crosswire_input import ScanInput, recorded, simulated, simulated_reference
 from tools.shared.crosswire_whole import WholeOptions, solve_all, sound
 from tools.shared.interruption import stopped_saying
-from tools.shared.named_cart import SOCKET, config_option, own_cart
+from tools.shared.named_cart import SOCKET, config_option, named_or_own
 from tools.shared.sign_off import SignOff, user
 from tools.shared.status_watch import StatusWatch
 from tools.shared.tables import FittingTable
@@ -369,7 +369,7 @@ def _live_service(config_file: Path | None, socket: Path | None, feed: Path | No
     """Returns the service. Raises ConfigurationError, DeviceLost or ControlRefused before any question, so that no
     answer is typed in vain, as with no service or during another recalibration.
     """
-    named = config_file or (own_cart() if socket is None else None)
+    named = named_or_own(config_file, socket)
     config = None if named is None else load_config(named)
     control = socket or (None if config is None else config.control.socket)
     if control is None:

@@ -75,8 +75,10 @@ def cart_says(section: str, key: str) -> Path | None:
     return _said(click.get_current_context().meta.get(NAMED), section, key)
 
 
-def own_cart() -> Path | None:
-    """Returns the configuration of this computer, None where it has none."""
+def named_or_own(config_file: Path | None, control_socket: Path | None) -> Path | None:
+    """Returns the configuration that was named; where neither it nor a socket was, that of this computer, if any."""
+    if config_file is not None or control_socket is not None:
+        return config_file
     return CONFIG if CONFIG.is_file() else None
 
 
