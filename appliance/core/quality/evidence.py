@@ -8,11 +8,21 @@ from math import isnan
 from appliance.core.detectors.calibration_change import latency_check
 from appliance.core.detectors.polarity import obvious_flip
 from appliance.core.handeye.second_opinion import SecondOpinion, second_opinion
+from appliance.core.parameters import BREATHED
 from appliance.core.path.explanation import Explanation
 from appliance.core.path.solver import Follow
 from appliance.core.path.window import PathWindow
+from appliance.core.quality.confirmation import (
+    Memory,
+    Solved,
+    decidable,
+    decide,
+    quick_checks,
+    since_change,
+    with_accusation,
+)
 from appliance.core.quality.examination import Finding, examine, examine_nothing, lag_known, latency_of, without
-from appliance.core.quality.examiner import BREATHED, Examiner
+from appliance.core.quality.examiner import Examiner
 from appliance.core.quality.field_distortion import FieldDistortion
 from appliance.core.quality.point_watch import PointWatch
 from appliance.core.quality.resets import Cause, Effect, Reset, State, reset
@@ -23,11 +33,8 @@ from appliance.core.quality.verification import Verification, VerificationStatus
 from appliance.core.spread_work import Steps
 from appliance.core.times import CHANGE_WINDOW_NS, PRESENT_NS, SELDOM_NS, SWEEP_WINDOW_NS
 from appliance.limits import NAMED_NATS, Limits
-from appliance.types import PARAMETERS, Calibration, Check, Fault, VerdictKind
+from appliance.types import Calibration, Check, Fault, VerdictKind
 
-_AS_IT_WAS = 0.5
-"""Share of its limit by which what is wrong may move and is no other change: two to three sigmas of a short window in
-the study's gesture. Less starts again for noise, more takes one that grows still for one that stands."""
 _OBVIOUS_FLIP_NS = 2_000_000_000
 """Length of the window up to which each picture is looked at for an obvious flip, 1 ms: a solution finds it by then."""
 _REQUIRED_FOR = {
@@ -36,9 +43,6 @@ _REQUIRED_FOR = {
     Fault.ROTATION: ("rotation-lateral", "rotation-axial", "rotation-elevational"),
     Fault.OFFSET: ("offset-lateral", "offset-axial", "offset-elevational"),
 }
-_SLOW = frozenset({"rotation-lateral", "rotation-axial", "offset-lateral", "offset-axial", "offset-elevational"})
-"""Shown only by tilt and turn, of which a few seconds hold too little to decide."""
-_OF_X = frozenset(PARAMETERS)
 
 
 class Evidence:
@@ -61,11 +65,7 @@ class Evidence:
         self.points = PointWatch(reference, limits)
         self._verification = Verification(limits, self.stationary)
         self._latest = self._best = self._nothing
-        self._suspects: frozenset[str] = frozenset()
-        self._culprits: dict[str, float] = {}
-        self._valid_ns = self._settled_ns = self._lagged_ns = 0
-        self._failing_ns: int | None = None
-        self._breathed_ns: int | None = None
+        self._memory = Memory()
         self._long_ns = 0
         self.nats: float | None = None
         self._examiner = Examiner(reference, limits)
@@ -150,24 +150,24 @@ class Evidence:
 
     def _clear_unconfirmed(self) -> None:
         self._choice = Choice()
-        self._failing_ns = self._breathed_ns = None
+        self._memory = replace(self._memory, failing_ns=None, breathed_ns=None)
         self.distortion.lose_sight()
         self.points.restart()
         self._examiner.forget_drift()
 
     def _clear_suspected(self) -> None:
-        self._suspects = frozenset()
-        self._culprits = {}
+        self._memory = replace(self._memory, suspects=frozenset(), culprits={})
 
     def _predate(self, since_ns: int) -> None:
         self._verification.predate(since_ns)
         self.distortion.predate(since_ns)
 
     def _settle_by(self, since_ns: int) -> None:
-        self._settled_ns = min(self._settled_ns, since_ns)
+        self._memory = replace(self._memory, settled_ns=min(self._memory.settled_ns, since_ns))
 
     def _cut_changes(self, since_ns: int) -> None:
-        self._valid_ns, self._lagged_ns = min(self._valid_ns, since_ns), min(self._lagged_ns, since_ns)
+        kept = self._memory
+        self._memory = replace(kept, valid_ns=min(kept.valid_ns, since_ns), lagged_ns=min(kept.lagged_ns, since_ns))
 
     def checks(self) -> tuple[Check, ...]:
         """The checks of the latest solution and of a distorted field, and, while neither of its two candidates is
@@ -207,7 +207,7 @@ class Evidence:
         """
         self._end()
         about_s = self._examiner.about_s
-        whole = examine(self.window.since(self._valid_ns), self._reference, self._limits, about_s=about_s)
+        whole = examine(self.window.since(self._memory.valid_ns), self._reference, self._limits, about_s=about_s)
         if whole.shown >= self._best.shown and whole.failed <= self._latest.failed:
             self._best = whole
         latency = latency_check(self.window.latency(about_s), self._limits, self.window.stamps_err_s)
@@ -222,32 +222,10 @@ class Evidence:
 
     def second_opinion(self) -> SecondOpinion | None:
         """The closed-form estimate from all motion since the last change."""
-        window = self.window.since(self._valid_ns)
+        window = self.window.since(self._memory.valid_ns)
         latency = window.latency(self._examiner.about_s)
         samples = window.samples(0.0 if latency is None else latency.value_s)
         return second_opinion(samples, self._reference)
-
-    def _premature(self, failed: frozenset[str], now_ns: int) -> frozenset[str]:
-        """Returns `failed` until checks have failed for the length of the short window, then nothing: until that window
-        holds no motion from before the change, the values are not reliable.
-        """
-        if not failed:
-            self._failing_ns = None
-        elif self._failing_ns is None:
-            self._failing_ns = now_ns
-        return failed if self._failing_ns is None or now_ns - self._failing_ns < CHANGE_WINDOW_NS else frozenset()
-
-    def _of_same_breaths(self, finding: Finding, span_ns: int, now_ns: int) -> frozenset[str]:
-        """Returns the failed scales that rest on breathing alone, until they have failed for half the window's length,
-        then nothing: consecutive solutions use the same breaths and so share one error.
-        """
-        by_breaths = finding.solution is not None and finding.solution.noise.habits
-        failed = BREATHED & finding.failed if by_breaths else frozenset[str]()
-        if not failed:
-            self._breathed_ns = None
-        elif self._breathed_ns is None:
-            self._breathed_ns = now_ns
-        return failed if self._breathed_ns is None or now_ns - self._breathed_ns < span_ns / 2 else frozenset()
 
     def solve(self, now_ns: int) -> None:
         """Runs a solution from start to end."""
@@ -290,16 +268,19 @@ class Evidence:
         """
         lagged_ns = yield from self._examiner.new_lag(window, now_ns)
         if lagged_ns is not None:
-            # A window that holds motion from before the lag shows neither for seconds.
-            self._lagged_ns, self._valid_ns = lagged_ns, max(self._valid_ns, lagged_ns)
+            self._memory = self._memory.lagged_from(lagged_ns)
         window.look_at_tissue(self._examiner.about_s)
         self.window.take_tissue(window)
-        recent = window.since(max(self._lagged_ns, now_ns - CHANGE_WINDOW_NS))
-        finding = yield from self._examiner.look(window, recent, self._valid_ns, now_ns - CHANGE_WINDOW_NS, now_ns)
+        recent = window.since(max(self._memory.lagged_ns, now_ns - CHANGE_WINDOW_NS))
+        finding = yield from self._examiner.look(
+            window, recent, self._memory.valid_ns, now_ns - CHANGE_WINDOW_NS, now_ns
+        )
         accusation = yield from self._accused(finding, window, now_ns)
         yield from self._measure(finding, recent, window, now_ns)
         if accusation is not None:
-            self._latest = _with(self._latest, accusation, reported=accusation.nats >= self._limits.named_nats)
+            self._latest = with_accusation(
+                self._latest, accusation, reported=accusation.nats >= self._limits.named_nats
+            )
         excused = frozenset[str]() if self._examiner.noises.breathing_known else BREATHED
         accusation = None if self._latest.failed else accusation
         unnamed = None if accusation is None else undecided(accusation, excused, self._limits.named_nats)
@@ -319,7 +300,7 @@ class Evidence:
         if check is not None:
             self._under_way = None
             self._verification.contradict((check,), frozenset({check.name}), self.window.now_ns)
-            self._suspects |= {check.name}
+            self._memory = replace(self._memory, suspects=self._memory.suspects | {check.name})
             checks = (check if one.name == check.name else one for one in self._latest.checks)
             self._latest = Finding(tuple(checks), self._latest.solution)
 
@@ -338,7 +319,7 @@ class Evidence:
         if finding.solution is None:
             self.nats = None
             return None
-        window = whole.since(max(self._valid_ns, now_ns - WINDOW_NS))
+        window = whole.since(max(self._memory.valid_ns, now_ns - WINDOW_NS))
         noise = finding.solution.noise if learned is None else learned
         lateness = latency_of(finding)
         lag_s = lateness.value / 1e3 if lag_known(lateness, self._limits) else 0.0
@@ -349,7 +330,7 @@ class Evidence:
         if ask_bent and self.distortion.note(found.bent_nats, window.start_ns, now_ns, explained):
             # Nothing is OK again by the motion that looked bent.
             self.reset(Cause.FIELD_ANSWERED)
-            self._valid_ns = max(self._valid_ns, self.distortion.until_ns)
+            self._memory = self._memory.valid_from(self.distortion.until_ns)
         if not found.checks:
             return None
         # A mirrored picture looks like many things, and is named elsewhere.
@@ -357,60 +338,31 @@ class Evidence:
             found = replace(found, checks=without(Finding(found.checks), found.named).checks, rivals=())
         self._verification.accuse(found.checks, found.named, whole.now_ns, found.rivals)
         if found.named:
-            self._valid_ns = max(self._valid_ns, found.since_ns)
+            self._memory = self._memory.valid_from(found.since_ns)
         return found
 
     def _measure(self, finding: Finding, recent: PathWindow, whole: PathWindow, now_ns: int) -> Steps[None]:
-        short = without(finding, _SLOW)
-        changed = self._changed(short)
-        if changed is not None and now_ns >= self._settled_ns:
-            self._valid_ns, self._settled_ns, self._culprits = (
-                now_ns - CHANGE_WINDOW_NS,
-                now_ns + CHANGE_WINDOW_NS,
-                changed,
-            )
-        if not self._due(whole.since(max(self._valid_ns, now_ns - SWEEP_WINDOW_NS)), short, now_ns):
-            self._contradict(_quick(short), frozenset(), whole)
+        short = decidable(finding)
+        self._memory = since_change(self._memory, short, now_ns)
+        if not self._due(whole.since(max(self._memory.valid_ns, now_ns - SWEEP_WINDOW_NS)), short, now_ns):
+            self._contradict(quick_checks(short), frozenset(), whole)
             return
         self._long_ns = now_ns
         long, finding = yield from self._measured(recent, finding, whole, now_ns)
         if finding.solution is not None:
             self._examiner.noises.learn(now_ns, finding.solution.noise, long.span_ns, finding.solution.way_mm)
-        doubtful = finding.failed - self._suspects - self._witnessed
-        if now_ns < self._settled_ns:
-            doubtful |= finding.failed - self._culprits.keys() - {"latency"}
-        early = _SLOW if _punctual(short, self._limits) else _OF_X
-        doubtful |= self._premature(finding.failed & early, now_ns)
-        doubtful |= self._of_same_breaths(finding, long.span_ns, now_ns)
-        self._suspects = finding.failed | short.failed
-        self._contradict((*_quick(short), *finding.checks), finding.failed - doubtful, whole)
+        solved = Solved(short, finding, long.span_ns, now_ns, lag_explained=bool(self._examiner.about_s))
+        self._memory, doubtful = decide(self._memory, solved, self._limits)
+        self._contradict((*quick_checks(short), *finding.checks), finding.failed - doubtful, whole)
         if finding.solution is not None:
             self._examiner.noises.see_breathing(long.span_ns)
         last_contradiction_ns = self._verification.last_contradiction_ns
         self._latest = yield from self._accepted(without(finding, doubtful), long, whole, now_ns)
         if not self._verification.contradictions:
             # An answered contradiction must not come back with the motion that it was of.
-            self._valid_ns = max(self._valid_ns, last_contradiction_ns)
+            self._memory = self._memory.valid_from(last_contradiction_ns)
         if self._latest.shown >= self._best.shown:
             self._best = self._latest
-
-    def _changed(self, short: Finding) -> dict[str, float] | None:
-        """Returns the values of the parameters that two consecutive short windows show to be newly wrong; empty where a
-        fault seen before has been corrected. In both cases motion before that is dropped. Returns None where nothing is
-        new: if motion were dropped repeatedly, no window would become long enough for the second of two simultaneous
-        faults.
-        """
-        confirmed = [check for check in short.checks if check.name in short.failed & self._suspects]
-        if any(_moved(check, self._culprits.get(check.name)) for check in confirmed):
-            return {check.name: check.value for check in confirmed}
-        return {} if any(short.shows((name,)) for name in self._culprits) else None
-
-    @property
-    def _witnessed(self) -> frozenset[str]:
-        """Names the fault that the separate search for an explanation has found; a solution that shows it too is the
-        second confirmation.
-        """
-        return frozenset({"latency"}) if self._examiner.about_s else frozenset()
 
     def _measured(
         self, recent: PathWindow, finding: Finding, whole: PathWindow, now_ns: int
@@ -422,8 +374,8 @@ class Evidence:
         window is left out: it would keep the motion that caused the contradiction for three times as long.
         """
         window = recent
-        for span_ns in (PRESENT_NS,) if self._doubted else (PRESENT_NS, SWEEP_WINDOW_NS):
-            longer = whole.since(max(self._valid_ns, now_ns - span_ns))
+        for span_ns in (PRESENT_NS,) if self._verification.doubted else (PRESENT_NS, SWEEP_WINDOW_NS):
+            longer = whole.since(max(self._memory.valid_ns, now_ns - span_ns))
             if len(longer) > len(window):
                 window = longer
                 finding = yield from self._examiner.examined(window, self._examiner.noises.for_window(window, now_ns))
@@ -435,30 +387,12 @@ class Evidence:
         """Whether another solution of the long window, three times as costly as one of the short window, is worthwhile:
         the window still grows, or something contradicts its last solution.
         """
-        doubted = bool(short.failed or self._suspects) or self._doubted
+        doubted = bool(short.failed or self._memory.suspects) or self._verification.doubted
         return doubted or long.span_ns < PRESENT_NS or now_ns - self._long_ns >= SELDOM_NS
 
-    @property
-    def _doubted(self) -> bool:
-        """Whether a contradiction stands, other than one that may be a breath, which only a long window can resolve."""
-        contradictions = self._verification.contradictions
-        return any(contradiction.named or contradiction.check.name not in BREATHED for contradiction in contradictions)
-
     def _contradict(self, checks: tuple[Check, ...], named: frozenset[str], whole: PathWindow) -> None:
-        """Takes the contradictions among the checks. A contradiction that may be a breath, of a parameter not shown
-        since the window began, excludes no motion: that motion may show that it was a breath.
-        """
-        before_ns = whole.start_ns - 1
-        barred = {
-            contradiction.check.name
-            for contradiction in self._verification.contradictions
-            if contradiction.until_ns > before_ns
-        }
         known = self._examiner.noises.breathing_known
-        moot = frozenset[str]() if known else BREATHED - self._verification.shown - named - barred
-        for until_ns, barring in ((before_ns, False), (whole.now_ns, True)):
-            own = (check for check in checks if (check.name in moot) is not barring)
-            self._verification.contradict(own, named, until_ns)
+        self._verification.contradict_over(checks, named, whole.start_ns, whole.now_ns, known)
 
     def _accepted(self, finding: Finding, window: PathWindow, whole: PathWindow, now_ns: int) -> Steps[Finding]:
         """Returns the finding; where its window reaches back to the last contradiction of a fault, returns the finding
@@ -471,40 +405,6 @@ class Evidence:
             self._contradict(finding.checks, frozenset(), whole)
             finding = without(finding, finding.failed)
         return replace(finding, checks=self._verification.weigh(finding.checks, window.start_ns))
-
-
-def _moved(check: Check, before: float | None) -> bool:
-    """Whether the parameter was not wrong before, or its wrong value has changed since by more than `_AS_IT_WAS` of its
-    limit.
-    """
-    return before is None or abs(check.value - before) > _AS_IT_WAS * check.limit
-
-
-def _quick(finding: Finding) -> tuple[Check, ...]:
-    """Returns the checks that a few seconds of motion can decide."""
-    return tuple(check for check in finding.checks if check.name not in _SLOW)
-
-
-def _punctual(finding: Finding, limits: Limits) -> bool:
-    """Whether the latency is shown to be within half of its limit. A window that contains the onset of a larger latency
-    underestimates it, and its scales are wrong too, so then the short window must be used.
-    """
-    lateness = latency_of(finding)
-    return abs(lateness.value) + limits.confidence_sigma * lateness.sigma <= lateness.limit / 2
-
-
-def _with(finding: Finding, accusation: Accusation, reported: bool) -> Finding:
-    """Returns the finding with the checks that the accusation names in place of the old ones. `reported` is False where
-    a higher threshold withholds the names: then these checks are not verified, and a measured FAULT stays a FAULT.
-    """
-    named = {check.name: check for check in accusation.checks if check.verdict is VerdictKind.FAULT}
-    if not reported:
-        named = {
-            name: replace(check, verdict=VerdictKind.NOT_VERIFIED)
-            for name, check in named.items()
-            if name not in finding.failed
-        }
-    return Finding(tuple(named.get(check.name, check) for check in finding.checks), finding.solution)
 
 
 def _sharper_check(check: Check, whole: Check) -> Check:

@@ -3,6 +3,7 @@ latency.
 """
 
 from appliance.core.detectors.calibration_change import latency_check
+from appliance.core.parameters import BREATHED
 from appliance.core.path.conventions import Convention
 from appliance.core.path.explanation import Explanation, explain, recent_lag
 from appliance.core.path.latency import Latency
@@ -16,8 +17,6 @@ from appliance.core.times import SELDOM_NS
 from appliance.limits import Limits
 from appliance.types import Calibration, Fault, VerdictKind
 
-BREATHED = frozenset({"scale-axial"})
-"""What a breath can spoil that is not known yet."""
 _EXPLAINED_NS = 6_000_000_000
 """Motion in which is looked for what explains it where the reference does not: each search takes 2 ms, 7 ms where not
 even a lag explains it. A longer window names later what has just begun, a shorter one leaves

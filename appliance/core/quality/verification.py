@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from math import isfinite
 
+from appliance.core.parameters import BREATHED
 from appliance.core.quality.stationary_time import StationaryTime
 from appliance.limits import Limits
 from appliance.types import PARAMETERS, Check, Rival, VerdictKind
@@ -82,9 +83,9 @@ class Verification:
         return tuple(sorted(self._contradictions.values(), key=lambda contradiction: -contradiction.check.ratio))
 
     @property
-    def shown(self) -> frozenset[str]:
-        """Names of the checks that motion has shown since the last loss of sight, regardless of age."""
-        return frozenset(self._shown_ns)
+    def doubted(self) -> bool:
+        """Whether a contradiction stands, other than one that may be a breath, which only a long window can resolve."""
+        return any(one.named or name not in BREATHED for name, one in self._contradictions.items())
 
     def rested_ns(self, name: str) -> int:
         """Returns how long the probe has rested since this check was last shown, ns. For a latency this counts only
@@ -123,6 +124,19 @@ class Verification:
         for check in checks:
             if self._beyond(check):
                 self._add(check, check.name in named, until_ns)
+
+    def contradict_over(
+        self, checks: tuple[Check, ...], named: frozenset[str], start_ns: int, now_ns: int, breathing_known: bool
+    ) -> None:
+        """Takes the contradictions among the checks, from motion between the two times. A contradiction that may be a
+        breath, of a parameter not shown since `start_ns`, excludes no motion: that motion may show that it was a
+        breath.
+        """
+        before_ns = start_ns - 1
+        barred = {name for name, standing in self._contradictions.items() if standing.until_ns > before_ns}
+        moot = frozenset[str]() if breathing_known else BREATHED - self._shown_ns.keys() - named - barred
+        for until_ns, barring in ((before_ns, False), (now_ns, True)):
+            self.contradict((check for check in checks if (check.name in moot) is not barring), named, until_ns)
 
     def accuse(
         self, checks: Iterable[Check], named: frozenset[str], until_ns: int, rivals: tuple[Rival, ...] = ()

@@ -5,10 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from appliance.core.path.noise import AXIAL, Habit
 from appliance.core.path.window import PathWindow
 from appliance.core.quality.evidence import Evidence
-from appliance.core.quality.examination import Finding, examine, examine_nothing
+from appliance.core.quality.examination import examine, examine_nothing
 from appliance.limits import Limits
 from appliance.types import PARAMETERS, Calibration, Check, Fault, VerdictKind
 from drivers.rigid import Array, rigid, rotation_from_vector
@@ -73,24 +72,6 @@ def test_a_late_tracker_is_a_fault_of_latency_and_of_nothing_else() -> None:
 def test_without_in_plane_motion_nothing_is_claimed(path) -> None:  # type: ignore[no-untyped-def]
     checks = by_name(examine(filled(path, 6.0, 5), TRUTH, LIMITS).checks)
     assert {checks[name].verdict for name in ("polarity", *PARAMETERS, "latency")} == {NOT_VERIFIED}
-
-
-def test_a_scale_that_only_followed_breaths_tell_is_named_once_half_a_window_is_new() -> None:
-    reference = scaled(1, 1 / 0.9)
-    found = examine(filled(tilting_path, 8.0, 2, reference=reference), reference, LIMITS)
-    assert found.solution is not None
-    noise = replace(found.solution.noise, habits={AXIAL: Habit(np.ones(8), 4.0)})
-    told = Finding(found.checks, replace(found.solution, noise=noise))
-    evidence = Evidence(reference, LIMITS, PathWindow(reference))
-
-    def withheld(finding: Finding, now_s: int) -> set[str]:
-        return set(evidence._of_same_breaths(finding, 30_000_000_000, ORIGIN_NS + now_s * 1_000_000_000))
-
-    assert withheld(found, 0) == set(), "no breath hides it"
-    assert withheld(told, 1) == withheld(told, 15) == {"scale-axial"}
-    assert withheld(told, 16) == set()
-    assert withheld(found, 17) == set()
-    assert withheld(told, 18) == {"scale-axial"}, "begun again"
 
 
 def test_an_empty_window_has_every_check_undecided() -> None:

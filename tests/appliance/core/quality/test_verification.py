@@ -92,6 +92,29 @@ def test_what_names_no_parameter_contradicts_nothing() -> None:
     assert verification.status.verified_ns == 5 * S
 
 
+@pytest.mark.parametrize(
+    ("name", "breathing_known", "was_shown", "later_motion_only"),
+    [
+        ("scale-axial", False, False, False),
+        ("scale-axial", False, True, True),
+        ("scale-axial", True, False, True),
+        ("scale-lateral", False, False, True),
+    ],
+)
+def test_a_sign_that_may_be_a_breath_is_answered_by_its_own_motion(
+    name: str, breathing_known: bool, was_shown: bool, later_motion_only: bool
+) -> None:
+    """Its motion, from 6 to 9 s, is measured again with the breathing that was learned meanwhile."""
+    verification = verifying(Limits())
+    weigh(verification, *[check(name)] * was_shown)
+    verification.contradict_over((check(name, value=9.0),), frozenset(), 6 * S, 9 * S, breathing_known)
+    assert verification.doubted is (name != "scale-axial")
+    (seen,) = weigh(verification, check(name, shown_s=8.0), since_s=6.0)
+    assert (seen.verdict is NOT_VERIFIED) is later_motion_only
+    (seen,) = weigh(verification, check(name, shown_s=11.0), since_s=9.1)
+    assert seen.verdict is OK
+
+
 @pytest.mark.parametrize("since_s", [0.0, 6.0])
 def test_motion_from_before_the_sign_or_with_it_does_not_answer_it(since_s: float) -> None:
     verification = all_shown()
