@@ -9,9 +9,9 @@ from math import nan
 
 import numpy as np
 
+from appliance.core.path.fit import PathFit
 from appliance.core.path.noise import Noise
 from appliance.core.path.samples import PathSamples
-from appliance.core.path.solver import PathFit
 from appliance.types import Calibration, Check, Fault, VerdictKind
 
 REPORTS_FAULTS = (Fault.POLARITY,)

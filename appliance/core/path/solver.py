@@ -8,30 +8,27 @@ maximum-likelihood estimates without the bias of the norm constraint (docs/metho
 """
 
 from dataclasses import dataclass, replace
-from math import isnan, nan
 
 import numpy as np
 from numpy.typing import NDArray
 
 from appliance.core.path.breaths import Breaths
+from appliance.core.path.fit import agreement
+from appliance.core.path.huber import HUBER, HUBER_SHARE, huber_cost
 from appliance.core.path.noise import (
-    AGREEMENT_LAG_S,
     AXIAL,
-    BREATHING,
     LATERAL,
     PARTS,
     POSITIONS,
-    TRACKER,
-    TURN,
     Habit,
     LearnedNoise,
     Noise,
 )
+from appliance.core.path.pretended import Pretended
 from appliance.core.path.residual import (
     FOLLOW,
     LEAST_TRAVEL_MM,
     NOTHING,
-    ROTATION,
     SCALE,
     TAU,
     TILT,
@@ -47,44 +44,19 @@ from drivers.rigid import Array
 _ROUNDS, _ROUNDS_ON = 12, 3
 """Rounds of estimate and noise by turns: from nothing, and from the noise of a window that shares most of the
 motion."""
-_SHORT_LAG_S = 0.2
-"""Over which the paths are compared in motion too short for the usual half second: two blocks. Longer shows a polarity
-later; shorter drowns in tracker noise, so that it stays unknown. Not varied."""
 _ITERATIONS = 4
 """Most Gauss–Newton steps of the last round; near the reference a step of less than 1e-6 mostly ends it sooner."""
 _GIVES_WAY = 0.1
 """Share from which tissue is said to give way. Of a phantom it came to .03 at most (simulated gesture, 10 s)."""
-_DEEPEST_MM2 = np.square([2.0, 6.0])
-"""Largest variance of breathing, lateral and axial, as polarities are weighed: breaths of 6 and 17 mm. What a wrong
-polarity leaves is smooth and as large as the probe's way, and would be taken for deeper ones. Not varied."""
 _LONGEST_STEP = np.array([0.3] * 3 + [0.3] * 2 + [30.0] * 3 + [0.3] + [0.5] * 3)
 """rad, relative, mm, s, and of the tissue: of a Gauss–Newton step, at most. Where a held probe shows next to nothing, a
 longer one leaves the place about which the rows are linear, and rotations ran away to several turns. Not varied."""
-HUBER = 2.0
-"""Standard deviations from which an innovation counts less. More lets outliers draw X, less wastes good pictures; heavy
-tails break the promised false alarms without it (tests/appliance/core/path/test_solver.py).
-"""
-HUBER_SHARE = 0.954
-"""What the weights leave of the mean square of unit normal innovations: the probability of one within `HUBER`."""
-_RISES = 2.0
-"""How far the information on an offset must exceed what noise pretends before that is taken off: nearer to it, the
-difference of the two is noise itself. Not measured.
-"""
 _USEFUL_SD = np.array([np.deg2rad(2.0)] * 3 + [0.03] * 2 + [4.0] * 3)
 """rad, relative, mm: sigma from which on a parameter says nothing to a check, about the limits' own size. More reports
 numbers that mean nothing; less calls a parameter unobserved that could still show a gross fault.
 """
 _FIRST_MM, _FIRST_RAD = 0.3, np.deg2rad(0.3)
 """Noise of a block with which the first estimate weighs the rows; the noise is learned from what that leaves."""
-_FOLLOWED = 30.0
-"""Information on a scale ÷ what the tissue's own motion pretends of it, below which the scale is not observed. With
-breathing it is 2 to 7, without 40 and more (seed 1 of every session of `probewatch study`).
-"""
-_CLEAN = 5.0
-"""The same where breaths are followed and the tissue's most likely motion is out of the measured path: what is left of
-it there draws the scale no more, and only counts as information. Less trusts a scale that a few breaths show, more asks
-for longer windows. Not measured.
-"""
 _BREATHS_S = 3 * QUIET_BREATH_S
 """Length of a window from which breaths are followed. Of 10 s, the scale was observed in one window
 of 16; of 12 and 14 s in 44 and 94 %, with sigmas of 1.5 and 1.0 % and z-scores of .8 and .9 (in-plane, eight seeds).
@@ -198,51 +170,6 @@ def solving(
     return (yield from problem.solved())
 
 
-class PathFit:
-    """How well references explain samples by themselves, where noise has the given parts and, for the misfit, any size.
-
-    reference: that whose way out of the plane counts; those that are weighed differ from it in polarity alone.
-    """
-
-    def __init__(self, samples: PathSamples, reference: Calibration, noise: Noise) -> None:
-        self._samples = samples
-        residual = PathResidual.of(samples, reference)
-        self._known = {reference.polarity: residual}
-        self._noise = LearnedNoise(residual.blocks, residual.parts, _alike(noise), residual.given)
-
-    def misfit(self, reference: Calibration) -> float:
-        """−2 log likelihood per picture."""
-        path = self._residual(reference).linear(NOTHING)[:, VALUE]
-        cost = 0.0
-        for row, one in zip(self._noise.rows, path, strict=True):
-            cost += len(one) * np.log(_huber_cost(row.white(one)) / len(one)) + row.log_volume
-        return cost / int(np.count_nonzero(self._samples.kept))
-
-    def cost(self, reference: Calibration) -> float:
-        """Mean h of (21) over the innovations, by the noise as it is said to be: 1 where it is so, less below it."""
-        path = self._residual(reference).linear(NOTHING)[:, VALUE]
-        rows = zip(self._noise.rows, path, strict=True)
-        return sum(_huber_cost(row.white(one)) for row, one in rows) / path.size
-
-    @property
-    def innovations(self) -> int:
-        """Number of them, under any polarity."""
-        return 3 * len(self._samples.blocks)
-
-    def agreement(self, reference: Calibration) -> float:
-        """See `Solution.correlation`, here under the reference itself; by shorter steps where the motion is too
-        short.
-        """
-        residual, nothing = self._residual(reference), (NOTHING, np.zeros(1))
-        agreed = _agreement(residual, self._noise, *nothing)
-        return _agreement(residual, self._noise, *nothing, _SHORT_LAG_S) if isnan(agreed) else agreed
-
-    def _residual(self, reference: Calibration) -> PathResidual:
-        if reference.polarity not in self._known:
-            self._known[reference.polarity] = PathResidual(self._samples, reference, planar=False)
-        return self._known[reference.polarity]
-
-
 class _Problem:
     def __init__(
         self,
@@ -263,6 +190,7 @@ class _Problem:
         self._rounds = 0 if not learn else _ROUNDS_ON if start else _ROUNDS
         self._first, left = self._first_estimate()
         self._noise = LearnedNoise(residual.blocks, residual.parts, start or self._first_noise(left), residual.sheared)
+        self._pretended = Pretended(self._noise, residual.rigid, self._tissue_out, self._known)
 
     def _first_estimate(self) -> tuple[Array, Array]:
         """θ by least squares, and (rows, m) what it leaves, each chain with an offset of its own."""
@@ -289,13 +217,16 @@ class _Problem:
         yield cost_us
         theta, J = self._minimised(theta, _ITERATIONS)
         noise = replace(self._noise.noise, followed=None, habits={})
-        hidden = [k for k in (LATERAL, AXIAL) if not self._followed(J)[k]]
+        followed = self._pretended.followed(J)
+        hidden = [k for k in (LATERAL, AXIAL) if not followed[k]]
         if hidden and self._rounds:
             breaths = self._found(hidden, theta)
             if breaths:
                 theta, J, habits = yield from self._with_breaths(breaths, theta)
                 noise = replace(noise, followed=self._noise.left(list(habits)) if habits else None, habits=habits)
-                hidden = [k for k in (LATERAL, AXIAL) if not self._followed(J)[k] or k in set(hidden) - set(habits)]
+                hidden = [
+                    k for k in (LATERAL, AXIAL) if not self._pretended.followed(J)[k] or k in set(hidden) - set(habits)
+                ]
         yield cost_us
         return self._concluded(theta, J, noise, hidden)
 
@@ -376,7 +307,7 @@ class _Problem:
     def _minimised(self, theta: Array, iterations: int) -> tuple[Array, Array]:
         """Gauss–Newton with Huber weights on the innovations: θ, and J (12, rows · m) at the reference."""
         J = self._whitened(self._less_tissue(self._at_reference))[:VALUE]
-        excess = self._excess(J)
+        excess = self._pretended.excess(J)
         known = self._known - np.diag(excess)
         drawn = excess * np.array(
             [0.0] * 3 + [1.0] * 2 + [*self._reference.offset_mm, 0.0, self.residual.follow - 1, 0.0, 0.0]
@@ -403,58 +334,10 @@ class _Problem:
         the noise, so the reference is where information is counted.
         """
         information = J @ J.T
-        values, axes = np.linalg.eigh(information - np.diag(self._pretended()))
+        values, axes = np.linalg.eigh(information - np.diag(self._pretended.information()))
         told = (axes * np.maximum(values, 0.0)) @ axes.T
         corrected = np.linalg.inv(told + self._known)
         return np.asarray(corrected @ (information + self._known) @ corrected * max(1.0, self._spread))
-
-    def _pretended(self) -> Array:
-        """(12,) information on each of θ that is but noise: of the poses, and of the tissue's own motion."""
-        rows, variances = self._noise.rows, self._noise.noise.variances[:, TRACKER]
-        position = np.mean(variances[[LATERAL, AXIAL]], axis=0)
-        lateral, axial = (rows[k].counted for k in (LATERAL, AXIAL))
-        turn = float(rows[TURN].counted @ variances[TURN])
-        each = np.stack([axial, lateral, lateral + axial])
-        rotations = each @ position + turn * np.array([1.0, 1.0, 0.0])
-        offsets = each @ variances[TURN]
-        follow = float(axial @ variances[LATERAL])
-        axial_scale = self._of_tissue(AXIAL) if self.residual.rigid else turn
-        return np.concatenate([rotations, [self._of_tissue(LATERAL), axial_scale], offsets, [0.0, follow, 0.0, 0.0]])
-
-    def _of_tissue(self, k: int) -> float:
-        """Information that the tissue's own motion pretends of how much of the probe's way row k shows."""
-        row = self._noise.rows[k]
-        return row.left_in if self._tissue_out[k] else row.pretended
-
-    def _alone(self, J: Array) -> Array:
-        """(12,) information on each of θ with all others unknown, less the prior."""
-        return np.asarray(1 / np.diag(np.linalg.inv(J @ J.T + self._known)) - np.diag(self._known))
-
-    def _excess(self, J: Array) -> Array:
-        """(12,) pretended information that is taken off, zero where the motion does not rise well above it.
-
-        A turn error δ of one pose moves the residual by δ × t_x and its derivative by t_x with it: the offset would
-        shrink by the ratio of excess to information (errors in variables), and a scale by what the tissue moves. Where
-        the tissue's most likely motion is out of the derivative, what is left of it there is independent of the path.
-        """
-        pretended = self._pretended()
-        excess = np.where(self._alone(J) > _RISES * pretended, pretended, 0.0)
-        excess[ROTATION] = 0.0
-        excess[self._axes[self._tissue_out]] = 0.0
-        return excess
-
-    @property
-    def _axes(self) -> NDArray[np.int64]:
-        """(2,) what the lateral and the axial row show of how much of the probe's way they have."""
-        return np.array([SCALE.start, SCALE.start + 1 if self.residual.rigid else FOLLOW])
-
-    def _followed(self, J: Array) -> NDArray[np.bool_]:
-        """(2,) whether the motion shows the lateral scale, and what follows the face, well more than the tissue's
-        own pretends.
-        """
-        ratio = np.where(self._tissue_out, _CLEAN, _FOLLOWED)
-        pretended = np.array([self._of_tissue(LATERAL), self._of_tissue(AXIAL)])
-        return np.asarray(self._alone(J)[self._axes] >= ratio * pretended)
 
     def _prior_sd(self) -> Array:
         p = self._prior
@@ -480,11 +363,11 @@ class _Problem:
             estimate,
             theta[: TAU + 1],
             covariance[: TAU + 1, : TAU + 1],
-            _agreement(self.residual, self._noise, theta, self._breathing),
+            agreement(self.residual, self._noise, theta, self._breathing),
             len(self.residual),
             self._shown_ns(covariance @ J)[: TAU + 1],
             noise,
-            (_huber_cost(self._whitened(self._linear(theta))[VALUE]) + volume) / len(self.residual),
+            (huber_cost(self._whitened(self._linear(theta))[VALUE]) + volume) / len(self.residual),
             self._travel_mm,
             max(float(self._travel_mm.max()), float(np.ptp(self.residual.elevation_mm))),
             Follow(follow, float(np.sqrt(covariance[FOLLOW, FOLLOW]))),
@@ -503,30 +386,3 @@ class _Problem:
         else:
             observed[SCALE] &= LATERAL not in hidden
         return tuple(bool(flag) for flag in observed)
-
-
-def _agreement(
-    residual: PathResidual, noise: LearnedNoise, theta: Array, breathing: Array, lag_s: float = AGREEMENT_LAG_S
-) -> float:
-    """Correlation of the measured with the predicted path, worse moving axis, once breathing and pulse are out."""
-    path, seen = residual.linear(theta)[:, VALUE] - breathing, residual.seen(theta)
-    clean = (path[k] - noise.rows[k].tissue(path[k]) for k in (LATERAL, AXIAL))
-    agreed = [residual.blocks.agreement(*both, lag_s) for both in zip(seen, clean, strict=True)]
-    return min((r for r in agreed if not isnan(r)), default=nan)
-
-
-def _alike(noise: Noise) -> Noise:
-    """Noise with a tracker that is as noisy along both axes: under a polarity that is wrong, tissue that gives way
-    takes the axial row's noise for its own.
-    """
-    variances = noise.variances.copy()
-    variances[AXIAL, TRACKER] = np.maximum(variances[AXIAL, TRACKER], variances[LATERAL, TRACKER])
-    rows = [LATERAL, AXIAL]
-    variances[rows, BREATHING] = np.minimum(variances[rows, BREATHING], _DEEPEST_MM2)
-    return replace(noise, variances=variances)
-
-
-def _huber_cost(residual: Array) -> float:
-    size = np.abs(residual)
-    inner = np.minimum(size, HUBER)
-    return float(inner @ (2 * size - inner))

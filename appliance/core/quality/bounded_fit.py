@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from appliance.core.parameters import LEFT_OUT
+from appliance.core.path.huber import HUBER, HUBER_SHARE, huber_cost
 from appliance.core.path.residual import TAU
-from appliance.core.path.solver import HUBER, HUBER_SHARE
 from drivers.rigid import Array
 
 INFLATED = 1.3**2
@@ -45,12 +45,6 @@ def anywhere(count: int = VALUE_ROW) -> tuple[Array, Array]:
     return np.full(count, -np.inf), np.full(count, np.inf)
 
 
-def huber(innovations: Array) -> float:
-    """−2 log likelihood of innovations of any shape, those beyond HUBER standard deviations counted less."""
-    size = np.abs(innovations)
-    return float(np.where(size <= HUBER, size**2, 2 * HUBER * size - HUBER**2).sum())
-
-
 def fitted(rows: Array, about: Array, low: Array, high: Array, prior: Array) -> Fit:
     """θ between low and high with Huber's weights. rows: (13, k) innovations, linear about `about`, or more of them:
     whatever else is fitted comes after the drifts, and the value last.
@@ -66,7 +60,7 @@ def fitted(rows: Array, about: Array, low: Array, high: Array, prior: Array) -> 
         before, theta = theta, minimum(information, -weighed @ at_zero, low, high)
         if np.all(np.abs(theta - before)[: TAU + 1] < 0.01 * BEYOND):
             break
-    return Fit(theta, huber(at_zero + theta @ J) + float(theta @ prior @ theta), information)
+    return Fit(theta, huber_cost(at_zero + theta @ J) + float(theta @ prior @ theta), information)
 
 
 def exact(at: Callable[[Array], Array], low: Array, high: Array, prior: Array) -> Fit:
@@ -78,7 +72,7 @@ def exact(at: Callable[[Array], Array], low: Array, high: Array, prior: Array) -
         if np.all(moved[: TAU + 1] < 0.05 * BEYOND):
             break
     assert fit is not None
-    return replace(fit, cost=huber(at(theta)[-1]) + float(theta @ prior @ theta))
+    return replace(fit, cost=huber_cost(at(theta)[-1]) + float(theta @ prior @ theta))
 
 
 def spread(fit: Fit, n: int) -> float:

@@ -9,10 +9,11 @@ import numpy as np
 from appliance.core.detectors.calibration_change import agreement_check, calibration_checks, latency_check, trusted
 from appliance.core.detectors.polarity import UNWEIGHED, flipped, weigh_polarity
 from appliance.core.parameters import LEFT_OUT, limit_of_each
+from appliance.core.path.fit import PathFit
 from appliance.core.path.latency import Latency
 from appliance.core.path.noise import Noise
 from appliance.core.path.residual import TAU
-from appliance.core.path.solver import PathFit, Prior, Solution, solving
+from appliance.core.path.solver import Prior, Solution, solving
 from appliance.core.path.window import PathWindow
 from appliance.core.spread_work import LATENCY, MISFIT, POLARITY, SAMPLES, Steps, run_to_end
 from appliance.limits import Limits

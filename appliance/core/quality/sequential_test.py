@@ -12,6 +12,7 @@ import numpy as np
 
 from appliance.core.detectors.calibration_change import dragged
 from appliance.core.parameters import MEASURED, PER_UNIT, QUANTITIES, limit_of_each
+from appliance.core.path.huber import huber_cost
 from appliance.core.path.noise import AXIAL, BREATHING, LATERAL, Noise
 from appliance.core.path.residual import OFFSET, ROTATION, SCALE, TAU
 from appliance.core.path.window import PathWindow
@@ -24,7 +25,6 @@ from appliance.core.quality.bounded_fit import (
     anywhere,
     exact,
     fitted,
-    huber,
     spread,
 )
 from appliance.core.quality.field_distortion import distortion_nats
@@ -166,7 +166,7 @@ class _Trial:
         rows = self._rows.at_reference(self.n)
         free = fitted(rows, np.zeros(VALUE_ROW), *anywhere(), self._prior)
         self._spread = spread(free, self.n)
-        if 0.5 * (huber(rows[VALUE_ROW]) - free.cost) / self._spread < _WORTH_NATS:
+        if 0.5 * (huber_cost(rows[VALUE_ROW]) - free.cost) / self._spread < _WORTH_NATS:
             return 0.0
         self._within = fitted(rows, np.zeros(VALUE_ROW), *self._bounds, self._within_prior)
         return self._beyond(free)

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from appliance.core.path import noise as path_noise
+from appliance.core.path.fit import PathFit
 from appliance.core.path.noise import PARTS, WALK, WHITE
 from appliance.core.path.samples import PathSamples
-from appliance.core.path.solver import PathFit, Prior, Solution, solve
+from appliance.core.path.solver import Prior, Solution, solve
 from appliance.types import Calibration
 from drivers.rigid import rigid, rotation_from_vector, vector_from_rotation
 from tests.support.motions import TRUTH, Noise, planar_path, samples, tilting_path
