@@ -14,7 +14,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from appliance.core.path.noise import Blocks, Habit
+from appliance.core.path.blocks import Blocks
+from appliance.core.path.noise import Habit
 from drivers.rigid import Array
 
 _LEAST_BREATHS = 2

@@ -5,8 +5,9 @@ from math import isnan, nan
 
 import numpy as np
 
+from appliance.core.path.blocks import AGREEMENT_LAG_S, AXIAL, BREATHING, LATERAL, TRACKER
 from appliance.core.path.huber import huber_cost
-from appliance.core.path.noise import AGREEMENT_LAG_S, AXIAL, BREATHING, LATERAL, TRACKER, LearnedNoise, Noise
+from appliance.core.path.noise import LearnedNoise, Noise
 from appliance.core.path.residual import NOTHING, VALUE, PathResidual
 from appliance.core.path.samples import PathSamples
 from appliance.types import Calibration

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from appliance.core.path.noise import AXIAL, LATERAL, TRACKER, TURN, LearnedNoise
+from appliance.core.path.blocks import AXIAL, LATERAL, TRACKER, TURN
+from appliance.core.path.noise import LearnedNoise
 from appliance.core.path.residual import FOLLOW, ROTATION, SCALE
 from drivers.rigid import Array
 

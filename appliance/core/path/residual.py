@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from appliance.core.path.noise import LATERAL, TURN
+from appliance.core.path.blocks import LATERAL, TURN
 from appliance.core.path.samples import PathSamples
 from appliance.core.path.steps import picture_steps, products_and_slopes
 from appliance.types import Calibration

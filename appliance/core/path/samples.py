@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from appliance.core.path.noise import Blocks
+from appliance.core.path.blocks import Blocks
 from appliance.core.path.steps import SensorSteps
 from drivers.rigid import Array
 

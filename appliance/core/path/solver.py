@@ -12,18 +12,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from appliance.core.path.blocks import AXIAL, LATERAL, PARTS, POSITIONS
 from appliance.core.path.breaths import Breaths
 from appliance.core.path.fit import agreement
 from appliance.core.path.huber import HUBER, HUBER_SHARE, huber_cost
-from appliance.core.path.noise import (
-    AXIAL,
-    LATERAL,
-    PARTS,
-    POSITIONS,
-    Habit,
-    LearnedNoise,
-    Noise,
-)
+from appliance.core.path.noise import Habit, LearnedNoise, Noise
 from appliance.core.path.pretended import Pretended
 from appliance.core.path.residual import (
     FOLLOW,

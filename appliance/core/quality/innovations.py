@@ -7,8 +7,9 @@ the sequential test.
 import numpy as np
 from scipy.linalg.lapack import dpotrf, dtrtri
 
+from appliance.core.path.blocks import AXIAL, BREATHING, LATERAL
 from appliance.core.path.huber import HUBER
-from appliance.core.path.noise import AXIAL, BREATHING, LATERAL, Noise, covariances
+from appliance.core.path.noise import Noise, covariances
 from appliance.core.path.residual import NOTHING, SCALE, TAU, VALUE, PathResidual
 from appliance.core.path.window import PathWindow
 from appliance.core.quality.bounded_fit import ANYTHING, INFLATED, VALUE_ROW

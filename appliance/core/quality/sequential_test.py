@@ -12,8 +12,9 @@ import numpy as np
 
 from appliance.core.detectors.calibration_change import dragged
 from appliance.core.parameters import MEASURED, PER_UNIT, QUANTITIES, limit_of_each
+from appliance.core.path.blocks import AXIAL, BREATHING, LATERAL
 from appliance.core.path.huber import huber_cost
-from appliance.core.path.noise import AXIAL, BREATHING, LATERAL, Noise
+from appliance.core.path.noise import Noise
 from appliance.core.path.residual import OFFSET, ROTATION, SCALE, TAU
 from appliance.core.path.window import PathWindow
 from appliance.core.quality.bounded_fit import (

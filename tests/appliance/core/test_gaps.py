@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from appliance.core.line import Line
-from appliance.core.path.noise import PARTS, Habit, Noise
+from appliance.core.path.blocks import PARTS
+from appliance.core.path.noise import Habit, Noise
 from appliance.limits import Limits, RequiredAges
 from appliance.types import PARAMETERS, Check, Fault, VerdictKind
 from drivers.samples import Frame, GreyImage, Pose, PoseStatus, Sample, Stamp

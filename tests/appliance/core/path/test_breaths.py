@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy.signal import find_peaks
 
+from appliance.core.path.blocks import Blocks
 from appliance.core.path.breaths import Breaths, peaks
-from appliance.core.path.noise import Blocks
 from appliance.core.path.samples import PathSamples
 from appliance.core.path.solver import Prior, Solution, solve
 from drivers.rigid import Array, rigid, rotation_from_vector

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from appliance.core.path import noise as path_noise
+from appliance.core.path.blocks import PARTS, WALK, WHITE
 from appliance.core.path.fit import PathFit
-from appliance.core.path.noise import PARTS, WALK, WHITE
 from appliance.core.path.samples import PathSamples
 from appliance.core.path.solver import Prior, Solution, solve
 from appliance.types import Calibration

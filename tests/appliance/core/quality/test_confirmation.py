@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from appliance.core.path.noise import AXIAL, Habit
+from appliance.core.path.blocks import AXIAL
+from appliance.core.path.noise import Habit
 from appliance.core.quality.confirmation import Memory, Solved, by_breathing_alone, decidable, decide, since_change
 from appliance.core.quality.examination import Finding, examine, examine_nothing
 from appliance.core.times import CHANGE_WINDOW_NS

@@ -7,7 +7,7 @@ import pytest
 
 from appliance.core.acquisition.pairing import Unpaired
 from appliance.core.line import Line
-from appliance.core.path.noise import BREATHING
+from appliance.core.path.blocks import BREATHING
 from appliance.core.path.window import PathWindow
 from appliance.core.quality.evidence import Evidence
 from appliance.core.quality.field_distortion import DOUBTED_NATS, NAME, FieldDistortion, distortion_nats

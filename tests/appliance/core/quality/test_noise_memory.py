@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from appliance.core.path.noise import PARTS, Noise
+from appliance.core.path.blocks import PARTS
+from appliance.core.path.noise import Noise
 from appliance.core.quality.noise_memory import NoiseMemory
 
 S = 1_000_000_000

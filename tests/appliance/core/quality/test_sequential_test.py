@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from appliance.core.path.noise import PARTS, WALK, WHITE, Noise
+from appliance.core.path.blocks import PARTS, WALK, WHITE
+from appliance.core.path.noise import Noise
 from appliance.core.path.solver import Prior, solve
 from appliance.core.path.window import PathWindow
 from appliance.core.quality.bounded_fit import minimum

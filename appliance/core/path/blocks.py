@@ -1,0 +1,181 @@
+"""Blocks of a path, and what each part of its noise is over them: white tracker noise, walks, what leaving the plane
+adds, breathing and pulse (docs/method.md, section 7).
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg.lapack import dpotrf
+
+from appliance.core.times import QUIET_BREATH_S
+from drivers.rigid import Array
+
+_BLOCK_S, _MOST_BLOCKS = 0.1, 200
+"""Pictures of one chain within this time count as one, at their mean. Longer loses the quick part of a tremor, which
+ends at 8 Hz; shorter costs time with the third power of the blocks, so a long window has longer ones.
+"""
+LATERAL, AXIAL, TURN, ELEVATIONAL = range(4)
+"""Rows of a residual. Where the motion is known to be planar, elevational position and the two tilts follow."""
+POSITIONS = (LATERAL, AXIAL, ELEVATIONAL)
+WHITE, WALK, WAY, SLANT, MEMORY, BREATHING, PULSE = range(7)
+"""The parts, in the order of `Noise.variances`; from BREATHING on the tissue's own."""
+PARTS = PULSE + 1
+"""How many they are."""
+TRACKER = [WHITE, MEMORY]
+"""Those of the poses: they are in the path that is predicted, and in its derivatives."""
+_SLANT_MM = 2.0
+"""Way out of the plane over which a slanted structure goes on shifting the picture alike: about the thickness of the
+slice. Not measured. Without this part sigma of the rotations about lateral and axial was half of their error in sweeps
+at one place.
+"""
+_SMOOTH_BLOCKS = 5
+"""Over which the way out of the plane is smoothed before its length is taken: tracker noise alone would go 3 mm/s."""
+_BREATHING_S, _PULSE_S = QUIET_BREATH_S / 4, 0.15
+"""After which the tissue's own motion no longer knows its way: a quarter of a quiet breath, and of a beat. A rhythm
+fitted over half a minute draws the axial scale by ten of its sigmas once breaths differ by a tenth from one another
+(four seeds of the study's tissue); this does not.
+"""
+_MEMORY_S = 0.15
+"""After which a tracker that filters its poses has forgotten a reading: exp(−t/.15 s) is .9 from one at 60 Hz to the
+next. Taken for a pulse, such noise was deemed to be in the picture, and drew the scales. Other memories were not tried.
+"""
+AGREEMENT_LAG_S = 0.5
+"""Over which the two paths are compared. Shorter, tracker noise spoils the correlation of good calibrations; longer,
+few steps are independent in a window of 3.5 s. Not measured.
+"""
+_LEAST_MOVED_MM = 0.2
+"""Standard deviation of those steps along an axis, below which it has not moved and its correlation would be noise."""
+
+
+@dataclass(frozen=True, eq=False)
+class Blocks:
+    """m blocks of a path, in time order: t_s, chain and count of pictures (m,); starts: index of each one's first."""
+
+    t_s: Array
+    chain: NDArray[np.int64]
+    count: Array
+    starts: NDArray[np.intp]
+
+    @classmethod
+    def of(cls, t_s: Array, chain: NDArray[np.int64]) -> "Blocks":
+        """t_s, chain: (n,) of pictures in time order, those of a chain side by side."""
+        block_s = max(_BLOCK_S, float(np.ptp(t_s)) / _MOST_BLOCKS)
+        tick = np.floor(t_s / block_s).astype(np.int64)
+        starts = np.flatnonzero(np.diff(tick, prepend=tick[0] - 1) | np.diff(chain, prepend=chain[0] - 1))
+        count = np.diff(starts, append=t_s.size).astype(np.float64)
+        return cls(np.add.reduceat(t_s, starts) / count, chain[starts], count, starts)
+
+    def __len__(self) -> int:
+        return int(self.t_s.size)
+
+    def last(self, n: int) -> "Blocks":
+        """The last n blocks of the path, not of its pictures: `starts` counts from the first picture of all."""
+        return Blocks(self.t_s[-n:], self.chain[-n:], self.count[-n:], self.starts[-n:])
+
+    def means(self, columns: Array) -> Array:
+        """(…, n) of pictures → (…, m) of blocks."""
+        return np.asarray(np.add.reduceat(columns, self.starts, axis=-1) / self.count)
+
+    def without_offsets(self, values: Array) -> Array:
+        """(…, m) less the mean of each chain."""
+        left = np.array(values)
+        for chain in np.unique(self.chain):
+            own = self.chain == chain
+            left[..., own] -= values[..., own].mean(axis=-1, keepdims=True)
+        return left
+
+    def steps(self, path: Array, lag: int) -> Array:
+        """(k,) of a path (m,), over so many blocks within one chain."""
+        same = self.chain[lag:] == self.chain[:-lag]
+        return np.asarray((path[lag:] - path[:-lag])[same])
+
+    def agreement(self, seen_mm: Array, missed_mm: Array, lag_s: float = AGREEMENT_LAG_S) -> float:
+        """Correlation of a measured path (m,) with the predicted, of which it differs by what was missed, over lag_s;
+        NaN where the probe has not moved, or for less than that.
+        """
+        lag = max(1, round(lag_s / max(float(np.median(np.diff(self.t_s))), 1e-3)))
+        moved, missed = self.steps(seen_mm, lag), self.steps(missed_mm, lag)
+        if len(moved) <= 2 or moved.std() <= _LEAST_MOVED_MM:
+            return float("nan")
+        return float(np.corrcoef(moved, moved - missed)[0, 1])
+
+    @cached_property
+    def same(self) -> NDArray[np.bool_]:
+        """(m, m) of one chain."""
+        return np.asarray(self.chain[:, None] == self.chain)
+
+    @cached_property
+    def apart_s(self) -> Array:
+        """(m, m)"""
+        return np.asarray(np.abs(self.t_s[:, None] - self.t_s))
+
+    def parts(self, elevation_mm: Array) -> Array:
+        """(PARTS, m, m): covariance of each part for variance 1. elevation_mm: (m,) place out of the plane.
+
+        White: mm² of one picture. Walks: mm² per s and per mm of way out of the plane. Slant: rad² of the slope.
+        Breathing and pulse: mm² of their size.
+        """
+        smooth = _smoothed(elevation_mm)
+        way_mm = np.abs(np.diff(smooth, prepend=smooth[0])).cumsum()
+        parts = self._of_time.copy()
+        parts[WAY] = self._walk(way_mm)
+        parts[SLANT] = _slant(smooth)
+        return parts
+
+    @cached_property
+    def _of_time(self) -> Array:
+        """(PARTS, m, m) as `parts`, but for those that ask for the way out of the plane."""
+        parts = np.zeros((PARTS, len(self), len(self)))
+        parts[WHITE] = np.diag(1 / self.count)
+        parts[WALK] = self._walk(self.t_s)
+        parts[MEMORY] = self._remembered()
+        for part, memory_s in ((BREATHING, _BREATHING_S), (PULSE, _PULSE_S)):
+            parts[part] = np.exp(-np.square(self.apart_s / memory_s) / 2)
+        return parts
+
+    def _remembered(self) -> Array:
+        """Means over whole blocks: within one, such noise averages out in part. Taken at the middles, it was learned
+        with half of its variance.
+        """
+        usual_s = float(np.median(np.diff(self.t_s))) if len(self) > 1 else _BLOCK_S
+        length_s = self.count / np.median(self.count) * usual_s
+        covariance = self._of_means(length_s)
+        gaps_s = np.diff(self.t_s)
+        room_s = np.minimum(np.append(gaps_s, np.inf), np.append(np.inf, gaps_s))
+        # Blocks that overlap, where pictures were kept now and then, may have no covariance.
+        if np.any(length_s > room_s) and dpotrf(covariance, lower=True)[1]:
+            covariance = self._of_means(np.minimum(length_s, room_s))
+        return covariance
+
+    def _of_means(self, length_s: Array) -> Array:
+        """Covariance of such means over times of this length about each block's; none where these overlap too far."""
+        length = length_s / _MEMORY_S
+        shared = np.sinh(length / 2) / (length / 2)
+        covariance = np.exp(-self.apart_s / _MEMORY_S) * np.outer(shared, shared)
+        np.fill_diagonal(covariance, 2 * (length - 1 + np.exp(-length)) / length**2)
+        return np.asarray(covariance)
+
+    def _walk(self, along: Array) -> Array:
+        """A walk that begins with each chain."""
+        _, first, index = np.unique(self.chain, return_index=True, return_inverse=True)
+        since = along - along[first[index]]
+        return np.where(self.same, np.minimum(since[:, None], since), 0.0)
+
+
+def _smoothed(values: Array) -> Array:
+    half = _SMOOTH_BLOCKS // 2
+    padded = np.pad(values, half, mode="edge")
+    return np.convolve(padded, np.full(_SMOOTH_BLOCKS, 1 / _SMOOTH_BLOCKS), mode="valid")
+
+
+def _slant(elevation_mm: Array) -> Array:
+    """Integral of a slope that forgets itself over `_SLANT_MM`: what is passed twice shifts the picture alike twice."""
+
+    def structure(way_mm: Array) -> Array:
+        way = np.abs(way_mm) / _SLANT_MM
+        return np.asarray(_SLANT_MM**2 * (way - 1 + np.exp(-way)))
+
+    z = elevation_mm - elevation_mm.min()
+    return structure(z[:, None]) + structure(z) - structure(z[:, None] - z)
