@@ -8,7 +8,7 @@ sigma of its own.
 
 import numpy as np
 
-from appliance.core.path.latency import Latency, estimate_latency
+from appliance.core.path.latency import Latency, far_latency
 from appliance.types import Vector
 from drivers.samples import Frame, GreyImage, Pose
 
@@ -92,7 +92,7 @@ class BottomLine:
             return None
         pose_t_s = (np.array(self._pose_ns) - origin_ns) / 1e9
         path_mm = np.stack([np.zeros(seen.sum()), depth[seen] * _ROUGH_MM_PER_PX])
-        return estimate_latency(t_s, np.zeros(len(t_s), np.int64), path_mm, pose_t_s, np.array(self._places).T)
+        return far_latency(t_s, np.zeros(len(t_s), np.int64), path_mm, pose_t_s, np.array(self._places).T)
 
 
 def _profile(image: GreyImage) -> Vector:

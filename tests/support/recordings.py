@@ -1,13 +1,15 @@
 """Small recordings for tests, and where the real ones are."""
 
 import os
+from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from drivers.recordings.metaimage import SequenceItem
-from drivers.samples import GreyImage, Matrix4
+from drivers.samples import Frame, GreyImage, Matrix4, Pose
 
 SIZE_PX = (7, 5)
 PERIOD_NS = 80_000_000
@@ -30,6 +32,16 @@ def plus_file(name: str) -> Path:
     if not path.exists():
         pytest.skip(f"no PLUS test data: {path} is absent (set PROBEWATCH_PLUS_DATA)")
     return path
+
+
+def with_late_poses(samples: Iterable[Frame | Pose], late_s: float) -> list[Frame | Pose]:
+    """The samples in order of their stamps, those of the poses later by so much."""
+
+    def late(pose: Pose) -> Pose:
+        return replace(pose, stamp=replace(pose.stamp, t_ns=pose.stamp.t_ns + round(late_s * 1e9)))
+
+    stamped = [late(sample) if isinstance(sample, Pose) else sample for sample in samples]
+    return sorted(stamped, key=lambda sample: sample.stamp.t_ns)
 
 
 def picture(index: int, size_px: tuple[int, int] = SIZE_PX) -> GreyImage:

@@ -77,7 +77,7 @@ def _of_tank(session: Recording, recording: Path) -> Latency:
     if found is None:
         line = f"a bright line across the picture that moves was seen in {bottom.seen} of {bottom.pictures} pictures"
         what = f"is not of the bottom of a water tank, or its motion does not show how late the tracker is: {line}"
-        remedy = "Move the probe up and down over the bottom for 15 s, turning sharply; "
+        remedy = "Move the probe up and down for 15 s, by strokes of different lengths, turning sharply; "
         remedy += "for tissue or a phantom, also of wires, give --calibration"
         raise RecordingError(what, str(recording), remedy)
     click.echo(f"bottom line followed in {bottom.seen} of {bottom.pictures} pictures")

@@ -17,15 +17,21 @@ _GRID_S = 0.01
 """Between two lags: a parabola finds the minimum between them. Finer costs time, coarser than a third of a picture at
 30 Hz flattens it.
 """
-_REACH, _NEAR = 30, 8
-"""Lags looked at, in steps of the grid either way: all, and about the best."""
+_REACH, _FAR_REACH, _NEAR = 30, 120, 8
+"""Lags looked at, in steps of the grid either way: all, all of a recording, and about the best. The farthest is more
+than is told, so that what lies beyond does not come in by its alias.
+"""
+_FAR_S, _FAR_NATS, _APART_S = 1.0, 15.0, 0.15
+"""Farthest lag that is told of a recording, and by how much, in log likelihood, it must beat every lag that is so far
+from it and no farther from zero. Less takes the next stroke for the lag, more tells the lag of fewer recordings. Of
+PLUS's water tank the next stroke is 23 behind, of its N-wire phantom every other lag 19; both were looked at.
+"""
 _NEAR_S = _GRID_S * np.arange(-_NEAR, _NEAR + 1, 2)
 _PARABOLA = np.linalg.pinv(np.vander(_NEAR_S, 3))
 """(3, k): coefficients of the parabola through k values at `_NEAR_S`."""
-_RANGE_S = (_REACH + _NEAR) * _GRID_S
-"""How far from a picture poses are asked for."""
 _STRIDE = 3
-"""One step in so many is looked at where all lags are: a third of the work. About the best lag all steps are."""
+"""One step in so many is looked at where all lags are: a third of the work. About the best lag, and of a recording, all
+steps are."""
 _LAGS_S = (0.08, 0.16, 0.32)
 """Lengths of the steps. Short ones show a lag sharply but drown in tracker noise, long ones the other way round; what
 they disagree by goes into sigma. Not varied by themselves.
@@ -68,33 +74,91 @@ def estimate_latency(
 
     None where the motion does not show it: too short, too still, or without a change of velocity.
     """
-    if t_s.size < _LEAST or pose_t_s.size < _LEAST:
+    search = _Search.of(t_s, chain, path_mm, pose_t_s, centre_mm, _REACH, _STRIDE)
+    return None if search is None else search.latency(search.best(_REACH), _REACH)
+
+
+def far_latency(
+    t_s: Array, chain: NDArray[np.int64], path_mm: Array, pose_t_s: Array, centre_mm: Array
+) -> Latency | None:
+    """The same up to a second either way, for a recording that is at hand as a whole. None also where another lag, no
+    farther from zero, explains the motion nearly as well. Strokes that are all alike explain a lag by half a stroke
+    more as well: so a usual lag is told unless a far one is better by `_FAR_NATS`.
+    """
+    search = _Search.of(t_s, chain, path_mm, pose_t_s, centre_mm, _FAR_REACH, 1)
+    if search is None:
         return None
-    period_s = float(np.median(np.diff(t_s)))
-    smooth = _smoothed(pose_t_s, centre_mm, max(period_s, float(np.median(np.diff(pose_t_s)))))
-    covered = (t_s - _RANGE_S >= pose_t_s[0]) & (t_s + _RANGE_S <= pose_t_s[-1])
-    steps = [_Steps(path_mm, chain, covered, max(1, round(lag / period_s)), period_s) for lag in _LAGS_S]
-    steps = [s for s in steps if s.first.size >= _LEAST]
-    if not steps:
-        return None
-    places = _Places(t_s, pose_t_s, smooth)
-    coarse = np.arange(-_REACH, _REACH + 1, 2)
-    rough = _scores(steps, places.at(coarse), _STRIDE)
-    score = rough.mean(axis=1)
-    best = int(np.argmin(score))
-    if best in (0, len(coarse) - 1) or np.median(score) - score[best] < _LEAST_DEPTH:
-        return None
-    near = coarse[best] + np.arange(-_NEAR, _NEAR + 1, 2)
-    minima_s = coarse[np.argmin(rough, axis=0)] * _GRID_S
-    return _minimum(near * _GRID_S, _scores(steps, places.at(near), 1), minima_s, steps)
+    usual, best = search.best(_REACH), search.best(_FAR_REACH)
+    apart = abs(int(search.lags[usual] - search.lags[best])) * _GRID_S >= _APART_S
+    if apart and search.score[usual] - search.score[best] < _FAR_NATS:
+        best = usual
+    reach = max(abs(int(search.lags[best])), _REACH)
+    found = search.latency(best, reach) if search.ahead_nats(best, reach) >= _FAR_NATS else None
+    return found if found is not None and abs(found.value_s) <= _FAR_S else None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Search:
+    """lags: (k,) steps of the grid. rough: (k, lengths) scores of each, by one step of the path in some; score: (k,)
+    their mean. The lower, the better.
+    """
+
+    steps: "list[_Steps]"
+    places: "_Places"
+    lags: NDArray[np.int64]
+    rough: Array
+    score: Array
+
+    @classmethod
+    def of(
+        cls,
+        t_s: Array,
+        chain: NDArray[np.int64],
+        path_mm: Array,
+        pose_t_s: Array,
+        centre_mm: Array,
+        reach: int,
+        stride: int,
+    ) -> "_Search | None":
+        """Lags up to `reach` steps of the grid either way; None where pictures or poses are too few."""
+        if t_s.size < _LEAST or pose_t_s.size < _LEAST:
+            return None
+        period_s, range_s = float(np.median(np.diff(t_s))), (reach + _NEAR) * _GRID_S
+        smooth = _smoothed(pose_t_s, centre_mm, max(period_s, float(np.median(np.diff(pose_t_s)))))
+        covered = (t_s - range_s >= pose_t_s[0]) & (t_s + range_s <= pose_t_s[-1])
+        steps = [_Steps(path_mm, chain, covered, max(1, round(lag / period_s)), period_s) for lag in _LAGS_S]
+        steps = [s for s in steps if s.first.size >= _LEAST]
+        if not steps:
+            return None
+        places, lags = _Places(t_s, pose_t_s, smooth, range_s), np.arange(-reach, reach + 1, 2)
+        rough = _scores(steps, places.at(lags), stride)
+        return cls(steps, places, lags, rough, rough.mean(axis=1))
+
+    def best(self, reach: int) -> int:
+        """Index of the best lag up to `reach` either way."""
+        return int(np.argmin(np.where(np.abs(self.lags) <= reach, self.score, np.inf)))
+
+    def ahead_nats(self, best: int, reach: int) -> float:
+        """By how much, in log likelihood, it beats every other up to `reach` that is `_APART_S` or more from it."""
+        apart = np.abs(self.lags - self.lags[best]) * _GRID_S >= _APART_S
+        return float(self.score[apart & (np.abs(self.lags) <= reach)].min() - self.score[best])
+
+    def latency(self, best: int, reach: int) -> Latency | None:
+        """None where the best lag lies at the end of what was looked at, or is hardly better than the usual one."""
+        if best in (0, len(self.lags) - 1) or np.median(self.score) - self.score[best] < _LEAST_DEPTH:
+            return None
+        near = self.lags[best] + np.arange(-_NEAR, _NEAR + 1, 2)
+        looked_at = np.abs(self.lags) <= reach
+        minima_s = self.lags[looked_at][np.argmin(self.rough[looked_at], axis=0)] * _GRID_S
+        return _minimum(near * _GRID_S, _scores(self.steps, self.places.at(near), 1), minima_s, self.steps)
 
 
 class _Places:
     """The centre's place so many grid steps after each picture, mm; linear on a grid of `_GRID_S`."""
 
-    def __init__(self, t_s: Array, pose_t_s: Array, centre_mm: Array) -> None:
-        start_s = t_s[0] - _RANGE_S - _GRID_S
-        grid_s = np.arange(start_s, t_s[-1] + _RANGE_S + 3 * _GRID_S, _GRID_S)
+    def __init__(self, t_s: Array, pose_t_s: Array, centre_mm: Array, range_s: float) -> None:
+        start_s = t_s[0] - range_s - _GRID_S
+        grid_s = np.arange(start_s, t_s[-1] + range_s + 3 * _GRID_S, _GRID_S)
         self._grid_mm = np.stack([np.interp(grid_s, pose_t_s, x) for x in centre_mm])
         index = np.floor((t_s - start_s) / _GRID_S)
         self._index = index.astype(np.intp)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from appliance.core.path.give import may_do
-from appliance.core.path.latency import Latency, estimate_latency
+from appliance.core.path.latency import Latency, estimate_latency, far_latency
 from appliance.core.path.samples import PathSamples
 from appliance.core.path.steps import predicted_path
 from appliance.core.times import MOST_APART_NS, SWEEP_WINDOW_NS
@@ -22,6 +22,8 @@ turns of a hand are smoothed away.
 """
 _BEFORE_S = 0.5
 """Poses before the first picture that the search for the latency gets: more than the .38 s that it looks back."""
+_FAR_BEFORE_S = 1.5
+"""The same of a whole recording, where it looks back by 1.28 s."""
 _SPARE_NS = 2_000_000_000
 """Poses kept for longer than pictures: the latency search and the velocity reach beyond both ends of the window."""
 _MOST_NEW = 1000
@@ -176,19 +178,28 @@ class PathWindow:
 
     def latency(self, about_s: float = 0.0) -> Latency | None:
         """Lag of the tracker from the two paths, near about_s; None where the motion does not show it."""
+        paths = self._paths(about_s, _BEFORE_S)
+        found = None if paths is None else estimate_latency(*paths)
+        return None if found is None else Latency(found.value_s + about_s, found.sigma_s)
+
+    def far_latency(self) -> Latency | None:
+        """The same up to a second either way, of all motion that is kept; None also where two lags explain it."""
+        paths = self._paths(0.0, _FAR_BEFORE_S)
+        return None if paths is None else far_latency(*paths)
+
+    def _paths(self, about_s: float, before_s: float) -> tuple[Array, NDArray[np.int64], Array, Array, Array] | None:
+        """As `estimate_latency` takes them, poses from so long before the first picture, at a lag of about_s."""
         if len(self._seen) < 2:
             return None
         t_s, chain, u_px, alpha = self._arrays()
         times, positions, turns = self.poses.arrays(self._seen[0].stamp.t_ns)
         times = times - about_s
-        reach = slice(np.searchsorted(times, t_s[0] - _BEFORE_S), None)
+        reach = slice(np.searchsorted(times, t_s[0] - before_s), None)
         if times[reach].size < 2:
             return None
         poses = rigid(rotation_from_quaternion(turns[reach]), positions[reach])
-        sensor_path = predicted_path(poses, self._reference)
         path = self._picture_path(u_px, alpha)
-        found = estimate_latency(t_s, chain, np.stack([path.real, path.imag]), times[reach], sensor_path)
-        return None if found is None else Latency(found.value_s + about_s, found.sigma_s)
+        return t_s, chain, np.stack([path.real, path.imag]), times[reach], predicted_path(poses, self._reference)
 
     def picture_steps(self) -> tuple[Array, NDArray[np.int64], Array] | None:
         """t_s (n,) and chain (n,) of the pictures, and (3, n) their steps added up within each chain: lateral and axial

@@ -206,7 +206,7 @@ class Evidence:
         of the candidates.
         """
         self._end()
-        about_s = self._examiner.about_s
+        about_s = self._about_s()
         whole = examine(self.window.since(self._memory.valid_ns), self._reference, self._limits, about_s=about_s)
         if whole.shown >= self._best.shown and whole.failed <= self._latest.failed:
             self._best = whole
@@ -218,14 +218,23 @@ class Evidence:
         """The tracker's latency from all motion that is kept, under the assumption that it has not changed. Unlike
         `final` it keeps the motion before a change, so it is more accurate for a recording made to measure the latency.
         """
-        return latency_of(examine(self.window, self._reference, self._limits, about_s=self._examiner.about_s))
+        return latency_of(examine(self.window, self._reference, self._limits, about_s=self._about_s()))
 
     def second_opinion(self) -> SecondOpinion | None:
         """The closed-form estimate from all motion since the last change."""
         window = self.window.since(self._memory.valid_ns)
-        latency = window.latency(self._examiner.about_s)
+        latency = window.latency(self._about_s())
         samples = window.samples(0.0 if latency is None else latency.value_s)
         return second_opinion(samples, self._reference)
+
+    def _about_s(self) -> float:
+        """Returns the latency around which the whole recording is searched: the one that explains its latest motion, or
+        else one beyond its limit that all of it shows.
+        """
+        far = None if self._examiner.about_s else self.window.far_latency()
+        if far is None or abs(far.value_s) * 1e3 <= self._limits.latency_ms:
+            return self._examiner.about_s
+        return far.value_s
 
     def solve(self, now_ns: int) -> None:
         """Runs a solution from start to end."""

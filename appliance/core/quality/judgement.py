@@ -115,7 +115,8 @@ class Judgement:
             self._failing[verdict.fault] = verdict
 
     def overall(self, checks: tuple[Check, ...]) -> Verdict:
-        """FAULT if one lasted a second, else OK if the calibration was verified at any time, else NOT_VERIFIED.
+        """FAULT if one lasted a second, else OK if the calibration was verified at any time, else FAULT if all of the
+        recording shows that the tracker is late, else NOT_VERIFIED.
         Beside a FAULT there is no error of a point, else it is as it was last known.
 
         checks: the best that was known of each quantity; a lasting fault puts its failing checks in their place.
@@ -127,6 +128,10 @@ class Judgement:
             return Verdict(self._last_ns, VerdictKind.FAULT, checks, fault, failing.reason, rivals=failing.rivals)
         if self._verified_ns is not None:
             return Verdict(self._last_ns, VerdictKind.OK, checks, None, "calibration verified", point=self._point)
+        late = next((check for check in checks if check.fault is Fault.LATENCY), None)
+        if late is not None and late.verdict is VerdictKind.FAULT:
+            reason = f"{_sentence(late)}, by all of the recording"
+            return Verdict(self._last_ns, VerdictKind.FAULT, checks, Fault.LATENCY, reason)
         missing = [name for name in self._required if name not in _shown(checks)]
         unverified = _unverified(checks, "too little in-plane motion to show", missing)
         reason = _undecided(self._rivals) if self._rivals else unverified

@@ -13,7 +13,7 @@ from appliance.storage.calibration_file import calibration_from_image_to_probe, 
 from appliance.types import Calibration, Fault, VerdictKind
 from drivers.recordings.replay import open_recording
 from drivers.rigid import vector_from_rotation
-from tests.support.recordings import NWIRE_IMAGE_TO_PROBE, plus_file
+from tests.support.recordings import NWIRE_IMAGE_TO_PROBE, plus_file, with_late_poses
 
 pytestmark = pytest.mark.thorough
 FCAL = "fCal_Test_Validation_3NWires_fCal2.0.igs.mha"
@@ -42,7 +42,8 @@ class Run:
 
 
 @cache
-def run(name: str) -> Run:
+def run(name: str, late_s: float = 0.0) -> Run:
+    """late_s: added to the stamps of the poses."""
     recording = open_recording(plus_file(name))
     if name == NWIRE:
         nominal = calibration_from_image_to_probe(NWIRE_IMAGE_TO_PROBE, recording.size_px)
@@ -50,7 +51,7 @@ def run(name: str) -> Run:
         device_set = plus_file("PlusDeviceSet_fCal_Sim_VolumeReconstruction.xml")
         nominal = read_calibration(device_set, recording.size_px, "Probe")
     line = Line(nominal, Limits())
-    named = {verdict.fault for sample in recording.samples() for verdict in line.step(sample)}
+    named = {verdict.fault for sample in with_late_poses(recording.samples(), late_s) for verdict in line.step(sample)}
     return Run(line.report(), nominal, frozenset(named))
 
 
@@ -94,3 +95,16 @@ def test_a_tracker_that_is_later_than_the_limit_is_a_fault_and_the_only_one() ->
     found = run(NWIRE)
     failed = {check.name for check in found.report.checks if check.verdict is VerdictKind.FAULT}
     assert (found.named, failed) == ({None, Fault.LATENCY}, {"latency"})
+
+
+@pytest.mark.parametrize("late_s", [-0.45, 0.45])
+def test_a_tracker_that_is_half_a_second_late_is_told_though_nothing_else_is_shown(late_s: float) -> None:
+    """The line alone says nothing of it: it goes by the latest motion, which is mostly out of the plane."""
+    usual, late = run(FCAL).report.latency, run(FCAL, late_s).report
+    assert usual is not None
+    assert late.latency is not None
+    assert late.latency.verdict is VerdictKind.FAULT
+    assert late.latency.value - usual.value == pytest.approx(1e3 * late_s, abs=10.0)
+    assert late.latency.sigma < 40.0
+    assert (late.verdict.kind, late.verdict.fault) == (VerdictKind.FAULT, Fault.LATENCY)
+    assert "by all of the recording" in late.verdict.reason

@@ -7,13 +7,17 @@ from appliance.crosswire.latency import BottomLine
 from drivers.samples import Frame, Pose, PoseStatus, Stamp
 
 
-def session(late_s: float, amplitude_mm: float = 12.0, line_grey: float = 200.0, leap_s: int = 0) -> BottomLine:
-    """leap_s: of all stamps, from 8 s on."""
+def session(
+    late_s: float, amplitude_mm: float = 12.0, line_grey: float = 200.0, leap_s: int = 0, period_s: float = 0.0
+) -> BottomLine:
+    """leap_s: of all stamps, from 8 s on. period_s: of strokes that are all alike; 0 for others."""
     random = np.random.default_rng(4)
     bottom = BottomLine()
     rows = np.arange(300)[:, None]
 
     def height_mm(t_s: float) -> float:
+        if period_s:
+            return float(amplitude_mm * np.sin(2 * np.pi * t_s / period_s))
         return amplitude_mm * np.sin(2 * np.pi * t_s / 2.3) + 0.3 * amplitude_mm * np.sin(2 * np.pi * t_s / 0.9)
 
     for index in range(180):
@@ -34,12 +38,23 @@ def session(late_s: float, amplitude_mm: float = 12.0, line_grey: float = 200.0,
     return bottom
 
 
-@pytest.mark.parametrize("late_s", [-0.08, 0.0, 0.05])
+@pytest.mark.parametrize("late_s", [-0.6, -0.08, 0.0, 0.05, 0.45, 0.95])
 def test_the_lag_is_found_within_its_sigma(late_s: float) -> None:
     found = session(late_s).latency()
     assert found is not None
     assert abs(found.value_s - late_s) < 3 * found.sigma_s
     assert found.sigma_s < 0.01
+
+
+@pytest.mark.parametrize("late_s", [-0.25, 0.0, 0.25])
+def test_strokes_of_two_seconds_that_are_all_alike_tell_a_lag_of_less_than_a_quarter_of_them(late_s: float) -> None:
+    found = session(late_s, period_s=2.0).latency()
+    assert found is not None
+    assert abs(found.value_s - late_s) < 3 * found.sigma_s < 0.06
+
+
+def test_a_lag_of_more_than_a_second_is_not_told_as_another() -> None:
+    assert session(1.1).latency() is None
 
 
 def test_a_probe_at_rest_or_a_tank_without_bottom_tells_nothing() -> None:
