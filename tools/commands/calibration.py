@@ -14,6 +14,7 @@ from appliance.configuration.config import Config, load_config
 from appliance.core.quality.calibration_difference import Difference, difference
 from appliance.limits import Limits
 from appliance.service.control.client import ControlClient
+from appliance.service.control.starting import how_to_end
 from appliance.storage.calibration_exchange import device_set_text, itk_text, read_itk
 from appliance.storage.calibration_file import (
     calibration_bytes,
@@ -342,7 +343,7 @@ def _refuse_running(socket: Path) -> None:
         ControlClient(socket).close()
     except (DeviceLost, ConfigurationError):  # The latter is what a service that does not watch has left.
         return
-    raise ConfigurationError("a service is running", str(socket), "Stop it first: systemctl stop probewatch")
+    raise ConfigurationError("a service is running", str(socket), f"Stop it first: {how_to_end(socket)}")
 
 
 def _history(folder: Path) -> History:

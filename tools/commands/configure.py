@@ -13,6 +13,7 @@ import click
 from appliance.configuration.config import CalibrationPlace, Config, config_of, configuration_text
 from appliance.configuration.toml_lines import Place
 from appliance.limits import PROFILES, Profile
+from appliance.service.control.starting import how_to_restart
 from appliance.supervision.annunciator import Role
 from drivers.clock.host_clock import HostClock
 from drivers.descriptor import Option
@@ -449,7 +450,8 @@ def _difference(before: list[str], new: list[str]) -> list[str]:
 
 def _tell_next(file: Path, was_configured: bool, contact: str) -> None:
     if was_configured:
-        click.echo("to apply it: sudo systemctl restart probewatch")
+        sudo = "sudo " if is_of_the_unit(file) else ""
+        click.echo(f"to apply it: {sudo}{how_to_restart(file, is_running=True)}")
     else:
         click.echo("a service that was waiting for it starts by itself; see: probewatch status")
     click.echo(

@@ -47,7 +47,7 @@ from tools.shared.calendar_option import DAY
 from tools.shared.crosswire_input import ScanInput, recorded, simulated, simulated_reference
 from tools.shared.crosswire_whole import WholeOptions, solve_all, sound
 from tools.shared.interruption import stopped_saying
-from tools.shared.named_cart import SOCKET, config_option, named_or_own
+from tools.shared.named_cart import SOCKET, config_option, named_or_own, saying_how_to_start
 from tools.shared.sign_off import SignOff, user
 from tools.shared.status_watch import StatusWatch
 from tools.shared.tables import FittingTable
@@ -199,6 +199,7 @@ class _Reference:
 )
 @click.option("--yes", is_flag=True, help="accept a difference beyond the limits of the checks without being asked")
 @click.option("--wait", "wait_s", default=120.0, show_default=True, type=click.FloatRange(1, 3600), help="for it, in s")
+@saying_how_to_start
 def command(
     config_file: Path | None,
     socket: Path | None,

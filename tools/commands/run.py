@@ -13,6 +13,7 @@ from appliance.service.control.references import References
 from appliance.service.control.refusal import leave, withdraw
 from appliance.service.control.rights import Onlookers
 from appliance.service.control.server import ControlServer
+from appliance.service.control.starting import how_to_restart
 from appliance.service.daemon import Daemon
 from appliance.service.estimator.process_host import EstimatorHost
 from appliance.service.host.log import configure
@@ -46,7 +47,7 @@ def command(config_file: Path, clock_rate: float, clock_origin_ns: int | None) -
     try:
         _run(config_file, clock, slowness=max(1.0, 1 / clock_rate))
     except ConfigurationError as error:
-        remedy = f"{error.remedy}; then systemctl restart probewatch"
+        remedy = f"{error.remedy}; then {how_to_restart(config_file)}"
         leave(config_file, ConfigurationError(error.what, error.where, remedy))
         raise
 

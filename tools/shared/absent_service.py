@@ -5,7 +5,9 @@ from pathlib import Path
 import click
 
 from appliance.service.control.client import ControlClient
+from appliance.service.control.starting import NoService
 from drivers.errors import ProbewatchError
+from tools.shared.named_cart import start_of
 
 _ANSWER_S = 1.0
 """For the service to answer: twenty ticks. Longer only delays the start of the command."""
@@ -16,5 +18,10 @@ def warn_if_absent(control: Path) -> None:
     try:
         with ControlClient(control, _ANSWER_S) as client:
             client.status()
+    except NoService as error:
+        click.echo(
+            f"{error.where}: {error.what}. {start_of(control)}. Until it answers, this program runs without it",
+            err=True,
+        )
     except ProbewatchError as error:
         click.echo(f"{error}. Until it answers, this program runs without it", err=True)

@@ -3,18 +3,20 @@ folders are derived from its configuration; options that name one of them go bef
 """
 
 from collections.abc import Callable
+from functools import wraps
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import click
 from click.core import ParameterSource
 
+from appliance.service.control.starting import UNIT_CONFIG, UNIT_SOCKET, NoService, how_to_start
 from drivers.errors import ConfigurationError
 from drivers.files.markup import toml_of
 from drivers.files.regular_file import read_bounded
 
-CONFIG = Path("/etc/probewatch/probewatch.toml")
-SOCKET, LOG = Path("/run/probewatch/control"), Path("/var/lib/probewatch")
+CONFIG = UNIT_CONFIG
+SOCKET, LOG = UNIT_SOCKET, Path("/var/lib/probewatch")
 ENVIRONMENT = "PROBEWATCH_CONFIG"
 NAMED = "probewatch.named_cart"
 """Key of the context's meta under which the named configuration lies, None where none was named."""
@@ -54,7 +56,20 @@ def control_option(command: _Command) -> _Command:
         callback=_derived("control", "socket", SOCKET),
         help="control socket of the service [of its configuration]",
     )
-    return option(command)
+    return option(saying_how_to_start(command))
+
+
+def saying_how_to_start(command: _Command) -> _Command:
+    """Has the command say, where no service answers, how that of the named cart is started."""
+
+    @wraps(command)
+    def saying(*args: Any, **kwargs: Any) -> Any:
+        try:
+            return command(*args, **kwargs)
+        except NoService as error:
+            raise NoService(error.what, error.where, start_of(Path(error.where))) from None
+
+    return cast(_Command, saying)
 
 
 def folder_argument(command: _Command) -> _Command:
@@ -73,6 +88,16 @@ def cart_says(section: str, key: str) -> Path | None:
     ConfigurationError for a configuration that was named and cannot be read.
     """
     return _said(click.get_current_context().meta.get(NAMED), section, key)
+
+
+def start_of(control_socket: Path) -> str:
+    """Returns how to start the service that should answer there, by the configuration of the command's cart if that
+    names this socket.
+    """
+    context = click.get_current_context(silent=True)
+    named = None if context is None else context.meta.get(NAMED)
+    is_carts = (_said(named, "control", "socket") or SOCKET) == control_socket
+    return how_to_start(control_socket, (named or CONFIG) if is_carts else None)
 
 
 def named_or_own(config_file: Path | None, control_socket: Path | None) -> Path | None:

@@ -7,6 +7,7 @@ from typing import Self
 from appliance.service.control.refusal import why_silent
 from appliance.service.control.rights import join_group
 from appliance.service.control.server import VERSION, ControlRefused, Reply
+from appliance.service.control.starting import NoService, how_to_start
 from appliance.service.host.unix_socket import Lines, connected
 from drivers.errors import DeviceLost, ProbewatchError
 from drivers.printable import printable_value
@@ -114,8 +115,7 @@ class ControlClient:
         if isinstance(error, PermissionError):
             return DeviceLost("your user may not ask the service", str(self._path), join_group(self._path))
         what = f"no service answers ({error.strerror or error})"
-        remedy = "Start it: systemctl start probewatch; if it ends again, journalctl -u probewatch says why"
-        return why_silent(self._path) or DeviceLost(what, str(self._path), remedy)
+        return why_silent(self._path) or NoService(what, str(self._path), how_to_start(self._path))
 
 
 def _noted(reason: str) -> dict[str, str]:

@@ -8,6 +8,7 @@ from appliance.service.control.deadline_worker import DeadlineWorker
 from appliance.service.control.event_log import EventLog
 from appliance.service.control.references import References
 from appliance.service.control.server import ControlRefused
+from appliance.service.control.starting import how_to_restart
 from appliance.service.control.status import configuration_fields, noise_fields
 from appliance.service.estimator.process_host import EstimatorHost
 from appliance.service.host.log import get_log
@@ -53,7 +54,7 @@ class LiveConfiguration:
     def reload(self) -> None:
         """Raises ControlRefused, ConfigurationError; then nothing has changed."""
         written = self._worker.run(str(self.file), lambda: load_config(self.file))
-        before, self.config = self.config, _taken(self.config, written)
+        before, self.config = self.config, _taken(self.config, written, self.file)
         self._references.look_again()
         self._supervisor.retime(self.config.supervisor.durations())
         timeouts, self.timeouts = self.timeouts, self.config.supervisor.timeouts()
@@ -69,12 +70,13 @@ class LiveConfiguration:
         self._log.info("configuration reloaded", file=str(self.file))
 
 
-def _taken(running: Config, written: Config) -> Config:
+def _taken(running: Config, written: Config, file: Path) -> Config:
     """The written configuration. Raises ControlRefused when it changes what only a restart can change."""
     changed = [name for name in Config.model_fields if getattr(running, name) != getattr(written, name)]
     fixed = [f"[{name}]" for name in changed if name not in _TAKEN]
     if running.alarm.folder != written.alarm.folder:
         fixed.append("[alarm] folder")
     if fixed:
-        raise ControlRefused(f"{', '.join(fixed)} cannot change while it runs: systemctl restart probewatch")
+        restart = how_to_restart(file, is_running=True)
+        raise ControlRefused(f"{', '.join(fixed)} cannot change while it runs: {restart}")
     return written

@@ -27,6 +27,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self
 
+from appliance.service.control.starting import how_to_end
 from appliance.service.host.request_line import request_fields
 from appliance.service.host.unix_socket import listening
 from drivers.errors import ConfigurationError, DeviceLost, ProbewatchError
@@ -264,7 +265,7 @@ def _locked(path: Path) -> int:
     except BlockingIOError:
         os.close(fd)
         raise DeviceLost(
-            "another probewatch service is running here", str(path), "Stop it first: systemctl stop probewatch"
+            "another probewatch service is running here", str(path), f"Stop it first: {how_to_end(path)}"
         ) from None
     return fd
 

@@ -6,10 +6,12 @@ import click
 import pytest
 from click.testing import CliRunner
 
+from appliance.configuration.config import Control
+from appliance.service.control.starting import how_to_end, how_to_restart, how_to_start
 from tests.support.answering import Answering
 from tests.support.answers import answered
 from tests.support.commands import commands
-from tools.shared.named_cart import ENVIRONMENT, folder_argument, socket_option
+from tools.shared.named_cart import CONFIG, ENVIRONMENT, SOCKET, folder_argument, socket_option
 
 ABOUT_NO_CART = {"demo", "devices", "export", "fleet", "latency", "probe", "simulate", "study"}
 """Commands that need no cart, or several."""
@@ -119,3 +121,35 @@ def test_a_page_where_no_cart_is_named_is_of_this_computer(own: Path, monkeypatc
     monkeypatch.setattr("tools.commands.page.AlarmLogWatch", served.append)
     assert answered("page", "--listen", "127.0.0.1:0").returncode == 0
     assert served[0] == own.parent / "alarms"
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["status"],
+        ["ack"],
+        ["calibration", "recover", "--output", "new.toml"],
+        ["recalibrate", "--live", "--made-by", "A. Smith", "--probe", "L12", "--preset", "4 cm"],
+    ],
+)
+def test_where_no_service_answers_the_command_says_how_that_of_the_named_cart_is_started(
+    own: Path, command: list[str]
+) -> None:
+    """The unit's `systemctl start` would start another cart's."""
+    answer = answered(*command, "--config", own)
+    assert f"Start it: probewatch run --config {own}" in answer.stderr, answer
+    assert "systemctl" not in answer.stderr
+    other = answered("status", "--config", own, "--socket", own.with_name("other")).stderr
+    assert "Start it: probewatch run --config FILE, with the FILE whose [control] socket this is" in other
+
+
+def test_of_the_units_cart_the_command_names_the_unit() -> None:
+    """Where this computer has a configuration with another socket, too."""
+    unit = "Start it: systemctl start probewatch; if it ends again, journalctl -u probewatch says why"
+    assert how_to_start(SOCKET) == how_to_start(Path("/elsewhere"), CONFIG) == unit
+    assert how_to_restart(CONFIG, is_running=True) == "systemctl restart probewatch"
+    assert how_to_end(SOCKET) == "systemctl stop probewatch"
+
+
+def test_the_usual_socket_is_that_of_a_configuration_that_names_none() -> None:
+    assert SOCKET == Control().socket

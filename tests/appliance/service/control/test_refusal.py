@@ -56,7 +56,7 @@ def test_every_question_to_a_refused_service_is_answered_with_its_reason(tmp_pat
     assert shown.returncode == 78
     assert f"{tmp_path}/probe.toml: the service does not watch" in shown.stderr
     assert "cannot be read: No such file" in shown.stderr
-    assert "then systemctl restart probewatch" in shown.stderr
+    assert f"; then probewatch run --config {tmp_path}/probewatch.toml" in shown.stderr, "the unit's is another cart"
 
 
 def test_a_mistake_in_the_file_does_not_hide_where_people_ask(tmp_path: Path) -> None:
@@ -82,7 +82,7 @@ def test_a_damaged_refusal_counts_as_none(tmp_path: Path, text: bytes) -> None:
     (tmp_path / "control.refusal").write_bytes(text)
     shown = answered("status", "--socket", tmp_path / "control")
     assert shown.returncode == 69
-    assert "no service answers (No such file or directory). Start it: systemctl start probewatch" in shown.stderr
+    assert "no service answers (No such file or directory). Start it: probewatch run --config FILE" in shown.stderr
 
 
 @contextmanager

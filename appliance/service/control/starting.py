@@ -1,0 +1,39 @@
+"""What a person types to start, restart or end the service of a cart. The unit's commands are of one cart only: of the
+configuration that the package brings.
+"""
+
+from pathlib import Path
+
+from drivers.errors import DeviceLost
+
+UNIT_CONFIG = Path("/etc/probewatch/probewatch.toml")
+"""The configuration of the service that systemd runs."""
+UNIT_SOCKET = Path("/run/probewatch/control")
+"""Where that service is asked, unless its configuration says another place (`Control`)."""
+
+
+class NoService(DeviceLost):
+    """No service answers at a control socket, and none has left a reason."""
+
+
+def how_to_start(socket: Path, config_file: Path | None = None) -> str:
+    """Returns the command for a service that does not answer at this socket. config_file: None where it is not known,
+    so that the usual socket tells the unit.
+    """
+    if config_file == UNIT_CONFIG or (config_file is None and socket == UNIT_SOCKET):
+        return "Start it: systemctl start probewatch; if it ends again, journalctl -u probewatch says why"
+    if config_file is None:
+        return "Start it: probewatch run --config FILE, with the FILE whose [control] socket this is"
+    return f"Start it: probewatch run --config {config_file}"
+
+
+def how_to_restart(config_file: Path, is_running: bool = False) -> str:
+    """Returns the command that makes a service begin again with this configuration. is_running: it must end first."""
+    if config_file.absolute() == UNIT_CONFIG:
+        return "systemctl restart probewatch"
+    return f"{'Ctrl-C where it runs, then ' if is_running else ''}probewatch run --config {config_file}"
+
+
+def how_to_end(socket: Path) -> str:
+    """Returns how to end the service that has this socket."""
+    return "systemctl stop probewatch" if socket == UNIT_SOCKET else "Ctrl-C where it runs"
