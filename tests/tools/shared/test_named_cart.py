@@ -152,4 +152,4 @@ def test_of_the_units_cart_the_command_names_the_unit() -> None:
 
 
 def test_the_usual_socket_is_that_of_a_configuration_that_names_none() -> None:
-    assert SOCKET == Control().socket
+    assert Control().socket == SOCKET
