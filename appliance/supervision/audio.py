@@ -13,6 +13,8 @@ from appliance.types import AlarmState, Fault, State
 
 LONGEST_PAUSE_NS = 120_000_000_000
 """Longer, a room would forget that it silenced the alarm; shorter, it would switch the sound off instead."""
+_SHORTEST_REASON = 3
+"""Characters. A single key is no reason; a whole sentence would be asked of somebody beside an alarm."""
 REMINDER_NS = 60_000_000_000
 """Between two reminders that the sound is off: more lets it be forgotten, less is the nuisance that was switched off.
 """
@@ -57,8 +59,9 @@ class Audio:
 
     def off(self, reason: str) -> None:
         """Raises ValueError without a reason."""
-        if len(reason.strip()) < 3:
-            raise ValueError("the alarm sound is switched off only with a reason")
+        if len(reason.strip()) < _SHORTEST_REASON:
+            least = f"of at least {_SHORTEST_REASON} characters"
+            raise ValueError(f"the alarm sound is switched off only with a reason {least}, which the alarm log keeps")
         self._off_reason = reason.strip()
 
     @property

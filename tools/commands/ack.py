@@ -6,7 +6,7 @@ import click
 
 from appliance.service.control.client import ControlClient
 from appliance.service.control.server import ControlRefused
-from appliance.supervision.alarms import NOT_NOW
+from appliance.supervision.alarms import ACKNOWLEDGED, NOT_NOW
 from tools.shared.named_cart import socket_option
 
 
@@ -49,4 +49,6 @@ def _acknowledged(client: ControlClient) -> str:
     except ControlRefused as error:
         if error.what.startswith(NOT_NOW):
             raise ControlRefused(f"there is nothing to acknowledge: {error.what}") from None
+        if error.what == ACKNOWLEDGED:
+            raise ControlRefused(f"already {ACKNOWLEDGED}") from None
         raise

@@ -121,7 +121,9 @@ def _line(entry: Entry) -> str:
 
 
 def _wanted(data: Mapping[str, Any]) -> str:
-    named = data.get("file") or data.get("acknowledged") or (f"reference {data['number']}" if "number" in data else "")
+    number, seconds = (data.get(name) for name in ("number", "seconds"))
+    named = data.get("file") or data.get("acknowledged") or (number and f"reference {number}")
+    named = named or (seconds and f"{str(seconds).removesuffix('.0')} s")
     return f": {named}" if named else ""
 
 

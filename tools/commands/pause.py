@@ -1,16 +1,41 @@
 """`probewatch pause`: pauses the alarm sound."""
 
+import re
 from pathlib import Path
+from typing import Any
 
 import click
 
 from appliance.service.control.client import ControlClient
 from appliance.supervision.annunciator import Role
+from appliance.supervision.audio import AudioMode
 from tools.shared.named_cart import socket_option
+
+_SHORTEST_S, _LONGEST_S = 1, 120
+"""What the service grants (docs/alarms.md): a longer pause would be forgotten."""
+_UNITS_S = {"": 1, "s": 1, "m": 60, "min": 60}
+_TIME = re.compile(r"(\d+(?:\.\d*)?) ?([a-z]*)")
+
+
+class _Pause(click.ParamType):
+    """A time in seconds, or with its unit."""
+
+    name = "seconds"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """Raises click.BadParameter."""
+        if isinstance(value, int | float):
+            return value
+        found = _TIME.fullmatch(str(value).strip().lower())
+        seconds = float(found[1]) * _UNITS_S.get(found[2], 0) if found else 0.0
+        if not _SHORTEST_S <= seconds <= _LONGEST_S:
+            most = f"{_SHORTEST_S} to {_LONGEST_S} seconds, such as 30 or 1m"
+            self.fail(f"'{value}' is no time for a pause: {most}. Longer: --off REASON", param, ctx)
+        return seconds
 
 
 @click.command()
-@click.argument("seconds", type=click.FloatRange(1, 120), default=120)
+@click.argument("seconds", type=_Pause(), default=_LONGEST_S)
 @click.option("--off", "reason", metavar="REASON", help="switch the sound off until --on; it reminds once a minute")
 @click.option("--on", is_flag=True, help="switch the sound on again")
 @socket_option
@@ -20,7 +45,7 @@ def command(control_socket: Path, seconds: float, reason: str | None, on: bool) 
     \b
     Examples:
       probewatch pause            two minutes of silence
-      probewatch pause 30
+      probewatch pause 30         half a minute; 1m is a whole one
       probewatch pause --off "service visit, room empty"
       probewatch pause --on
     """
@@ -37,7 +62,14 @@ def command(control_socket: Path, seconds: float, reason: str | None, on: bool) 
             )
         else:
             client.pause_audio(seconds)
-            click.echo(f"the alarm is silent for {seconds:g} s{_without_tone(client)}")
+            click.echo(f"{_paused(client, seconds)}{_without_tone(client)}")
+
+
+def _paused(client: ControlClient, seconds: float) -> str:
+    """Returns for how long the alarm is silent: a pause ends no audio-off."""
+    if client.status()["audio"]["mode"] == AudioMode.OFF.value:
+        return "the alarm sound is switched off already, and stays so until 'probewatch pause --on'"
+    return f"the alarm is silent for {seconds:g} s"
 
 
 def _without_tone(client: ControlClient) -> str:

@@ -26,7 +26,7 @@ class _Refusing(Answers):
     ("why", "said"),
     [
         ("not possible while not verified", "there is nothing to acknowledge: not possible while not verified"),
-        (ACKNOWLEDGED, f"probewatch: {ACKNOWLEDGED}"),
+        (ACKNOWLEDGED, f"probewatch: already {ACKNOWLEDGED}"),
     ],
 )
 def test_a_person_is_told_whether_there_is_anything_to_acknowledge(tmp_path: Path, why: str, said: str) -> None:

@@ -250,3 +250,9 @@ def test_every_kind_of_entry_is_told_in_words(event: str, tmp_path: Path) -> Non
     assert words in line
     assert not set('{}"[]') & set(line), line
     assert "null" not in line
+
+
+def test_a_pause_of_the_sound_says_how_long_it_was(tmp_path: Path) -> None:
+    log = AlarmLog(tmp_path / "alarms")
+    log.append(NOON, 0, "request", {"do": "pause-audio", "who": "anna, process 7", "seconds": "30.0"}, None)
+    assert "request: pause-audio by anna, process 7: 30 s\n" in asked(tmp_path / "alarms").stdout
