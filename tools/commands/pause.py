@@ -17,7 +17,7 @@ _UNITS_S = {"": 1, "s": 1, "m": 60, "min": 60}
 _TIME = re.compile(r"(\d+(?:\.\d*)?) ?([a-z]*)")
 
 
-class _Pause(click.ParamType):
+class _Pause(click.ParamType[float]):
     """A time in seconds, or with its unit."""
 
     name = "seconds"

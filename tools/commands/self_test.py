@@ -158,8 +158,8 @@ def _judged(status: dict[str, Any], still: Measured, moving: Measured, trouble: 
         found.append(Item("feed", False, trouble, "probewatch status says why there is none: feed"))
     else:
         frames, poses = moving.frames, moving.poses
-        found += items.timing("video", frames, moving.frames_ns)
-        found += items.timing("tracker", poses, moving.poses_ns)
+        found += items.timing("video", frames, moving.frames_ns, items.silence_ms(status, "video"))
+        found += items.timing("tracker", poses, moving.poses_ns, items.silence_ms(status, "tracker"))
         found += [items.noise(still.poses), items.overlay(frames)]
     found += [items.outputs(status, seen), *items.disk(status), items.clock(utc, _built(), _synchronised())]
     return [*found, *items.reference(status, utc)]

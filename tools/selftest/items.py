@@ -1,6 +1,6 @@
 """Each item of the self-test: pure judgements on a status, on samples of the feed, and on what a person has said."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import asdict, dataclass
 from datetime import datetime
 from typing import Any
@@ -9,6 +9,8 @@ import numpy as np
 
 from appliance.core.registration.overlay import OverlayMask
 from appliance.core.registration.pyramid import pyramid
+from appliance.supervision.fault_row import Device
+from appliance.supervision.faults import of_device
 from appliance.types import State
 from drivers.rigid import vector_from_rotation
 from drivers.samples import Frame, Pose, PoseStatus
@@ -58,18 +60,31 @@ _WHOLE_FROM = 100
 
 def devices(status: Status) -> list[Item]:
     """Presence of each part, as the service's own watchers judge it; and what it says is lost."""
-    items = []
-    for check in status["devices"]:
-        if check["verdict"] == "NOT_VERIFIED":
-            continue
-        good = check["verdict"] == "OK"
-        what = "within its limit" if good else _beyond(check)
-        remedy = "" if good else "See probewatch status"
-        if is_recovering(check):
-            what, remedy = "was beyond its limit, and is within it again", "Wait some seconds, and test again"
-        items.append(Item(check["name"], good, what, remedy))
+    gone = set(_unknown(status["devices"]))
+    found = [check for check in status["devices"] if check["value"] is not None or check["verdict"] == "FAULT"]
+    items = [_watched(check, gone) for check in found]
     items += [Item(device, False, what, "Mend it, or its cable") for device, what in status["lost"].items()]
     return items
+
+
+def _unknown(checks: Sequence[Status]) -> Iterator[str]:
+    """Returns the faults that are not looked for as long as their device is gone: its watchers find nothing."""
+    found = {check["fault"] for check in checks if check["verdict"] == "FAULT"}
+    for device in (Device.SCANNER, Device.TRACKER):
+        loss, *others = of_device(device)
+        yield from others if loss in found else ()
+
+
+def _watched(check: Status, gone: Set[str]) -> Item:
+    """A check that is not verified, such as the line of sight of a probe that nobody sees, could not be tried."""
+    good = check["verdict"] == "OK"
+    if good and check["fault"] in gone:
+        return Item(check["name"], None, "not known, as its device is lost", "Mend that first, and repeat")
+    what = "within its limit" if good else _beyond(check)
+    remedy = "" if good else "See probewatch status"
+    if is_recovering(check):
+        what, remedy = "was beyond its limit, and is within it again", "Wait some seconds, and test again"
+    return Item(check["name"], None if check["verdict"] == "NOT_VERIFIED" else good, what, remedy)
 
 
 def _beyond(check: Status) -> str:
@@ -146,12 +161,19 @@ def reference(status: Status, utc: datetime) -> list[Item]:
     return items
 
 
-def timing(name: str, samples: Sequence[Frame | Pose], arrivals_ns: Sequence[int]) -> list[Item]:
-    """Rate, losses and time quality of one source. name: video or tracker."""
+def timing(name: str, samples: Sequence[Frame | Pose], arrivals_ns: Sequence[int], silence_ms: float) -> list[Item]:
+    """Rate, losses and time quality of one source. name: video or tracker. silence_ms: after which the service calls it
+    lost.
+    """
     found = time_quality(samples, arrivals_ns)
     if found is None:
         return [Item(f"{name} rate", False, f"{len(samples)} samples came", "See that it runs and is connected")]
-    return [*_rate(name, found), *_time(name, found)]
+    return [*_rate(name, found), *_time(name, found, silence_ms)]
+
+
+def silence_ms(status: Status, name: str) -> float:
+    """For which the service lets a source be silent: video or tracker."""
+    return next(float(check["limit"]) for check in status["devices"] if check["name"] == f"{name} presence")
 
 
 def _rate(name: str, found: TimeQuality) -> list[Item]:
@@ -163,20 +185,32 @@ def _rate(name: str, found: TimeQuality) -> list[Item]:
     cable = "" if whole else "Check its cable, and what else runs"
     return [
         Item(f"{name} rate", fast, f"{found.rate_hz:.1f} / s, {least}", slow, found.rate_hz, "/ s"),
-        Item(f"{name} losses", whole, f"{lost_percent:.2f} %", cable, lost_percent, "%"),
+        Item(
+            f"{name} losses", whole, f"{lost_percent:.2f} %, at most {_MOST_LOST_PERCENT:g} %", cable, lost_percent, "%"
+        ),
     ]
 
 
-def _time(name: str, found: TimeQuality) -> list[Item]:
+def _time(name: str, found: TimeQuality, silence_ms: float) -> list[Item]:
     bound = found.bound_ms <= _MOST_BOUND_MS
     probe = "" if bound else "probewatch probe URL"
-    items = [Item(f"{name} stamps", bound, f"± {found.bound_ms:.1f} ms", probe, found.bound_ms, "ms")]
-    if np.isfinite(found.jitter_ms):
-        steady = found.jitter_ms <= MOST_JITTER_MS
-        what = f"scatter {found.jitter_ms:.1f} ms, longest pause {found.longest_ms:.0f} ms"
-        cable = "" if steady else "Check its cable, and what else runs"
-        items.append(Item(f"{name} regularity", steady, what, cable, found.jitter_ms, "ms"))
-    return items
+    within = f"± {found.bound_ms:.1f} ms, at most {_MOST_BOUND_MS:g} ms"
+    return [
+        Item(f"{name} stamps", bound, within, probe, found.bound_ms, "ms"),
+        *_regularity(f"{name} regularity", found, silence_ms),
+    ]
+
+
+def _regularity(name: str, found: TimeQuality, silence_ms: float) -> list[Item]:
+    """Nothing where the device's counter stood still, against which the scatter is measured, and no pause was long."""
+    known, short = np.isfinite(found.jitter_ms), found.longest_ms <= silence_ms
+    if not known and short:
+        return []
+    steady = short and found.jitter_ms <= MOST_JITTER_MS
+    scatter = f"scatter {found.jitter_ms:.1f} ms, at most {MOST_JITTER_MS:g} ms; " if known else ""
+    what = f"{scatter}longest pause {np.ceil(found.longest_ms):.0f} ms, at most {silence_ms:g} ms"
+    cable = "" if steady else "Check its cable, and what else runs"
+    return [Item(name, steady, what, cable, found.jitter_ms if known else None, "ms")]
 
 
 def noise(poses: Sequence[Pose]) -> Item:
@@ -196,7 +230,8 @@ def noise(poses: Sequence[Pose]) -> Item:
     noise_mm, noise_deg = float(places.std(axis=0).max()), float(turns.std(axis=0).max())
     quiet = noise_mm <= _MOST_NOISE_MM and noise_deg <= _MOST_NOISE_DEG
     remedy = "" if quiet else "Clean the markers; bring the probe nearer to the middle of the tracker's volume"
-    what = f"{noise_mm:.2f} mm, {noise_deg:.2f}° (standard deviation, worst axis)"
+    most = f"at most {_MOST_NOISE_MM:g} mm, {_MOST_NOISE_DEG:g}°"
+    what = f"{noise_mm:.2f} mm, {noise_deg:.2f}° (standard deviation, worst axis), {most}"
     return Item("noise at rest", quiet, what, remedy, noise_mm, "mm")
 
 

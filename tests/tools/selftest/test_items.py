@@ -11,6 +11,7 @@ from tests.support.answering import recorded
 from tools.selftest import items
 
 NOW = datetime(2026, 11, 23, tzinfo=UTC)
+SILENCE_MS = 500.0
 
 
 def poses(number: int = 300, noise_mm: float = 0.05, drift_mm: float = 0.0, seen: bool = True) -> list[Pose]:
@@ -47,14 +48,37 @@ def test_noise_is_told_of_a_probe_at_rest_alone(given, wanted) -> None:
 def test_rates_losses_and_times() -> None:
     good = poses(120)
     arrivals = [pose.stamp.t_ns + 5_000_000 for pose in good]
-    assert all(green(items.timing("tracker", good, arrivals)).values())
+    assert all(green(items.timing("tracker", good, arrivals, SILENCE_MS)).values())
     holed = [pose for index, pose in enumerate(good) if index % 10]
-    assert green(items.timing("tracker", holed, arrivals[: len(holed)]))["tracker losses"] is False
+    assert green(items.timing("tracker", holed, arrivals[: len(holed)], SILENCE_MS))["tracker losses"] is False
     slow = [Pose(Stamp(index * 10**9, 1), index, None, 0.0, PoseStatus.MISSING) for index in range(20)]
-    assert green(items.timing("tracker", slow, [0] * 20))["tracker rate"] is False
+    assert green(items.timing("tracker", slow, [0] * 20, SILENCE_MS))["tracker rate"] is False
     vague = [Pose(Stamp(pose.stamp.t_ns, 50_000_000), pose.sequence, None, 0.0, PoseStatus.MISSING) for pose in good]
-    assert green(items.timing("tracker", vague, arrivals))["tracker stamps"] is False
-    assert green(items.timing("video", [], [])) == {"video rate": False}
+    assert green(items.timing("tracker", vague, arrivals, SILENCE_MS))["tracker stamps"] is False
+    assert green(items.timing("video", [], [], SILENCE_MS)) == {"video rate": False}
+
+
+@pytest.mark.parametrize(("pause_ms", "wanted"), [(0, True), (450, True), (600, False), (1033, False)])
+@pytest.mark.parametrize("counts", [True, False])
+def test_a_pause_that_the_service_calls_a_loss_is_not_regular(pause_ms: int, wanted: bool, counts: bool) -> None:
+    """The stamps may lie on their straight line none the less, as behind a device that counts what it did not send."""
+    step_ns = 16_666_667
+    missed = round(pause_ms * 1e6 / step_ns)
+    numbers = [index + (missed if index > 60 else 0) for index in range(600)]
+    given = [
+        Pose(Stamp(number * step_ns, 1), number if counts else 0, None, 0.0, PoseStatus.MISSING) for number in numbers
+    ]
+    found = items.timing("tracker", given, [0] * len(given), SILENCE_MS)
+    regular = next((item for item in found if item.name == "tracker regularity"), None)
+    assert (regular is None or regular.green) is wanted
+    assert wanted or "ms, at most 500 ms" in regular.what
+
+
+def test_how_long_a_source_may_be_silent_is_what_the_service_says() -> None:
+    status = recorded()
+    for check in status["devices"]:
+        check["limit"] = 900.0 if check["name"] == "video presence" else check["limit"]
+    assert (items.silence_ms(status, "video"), items.silence_ms(status, "tracker")) == (900.0, 500.0)
 
 
 def test_the_overlay_is_learnt_from_motion_alone() -> None:
@@ -102,6 +126,28 @@ def test_lamps_are_what_a_person_says(seen) -> None:
     lamp = {"url": "relay:x", "signal": "red"}
     assert items.outputs(recorded(outputs=[lamp]), seen).green is seen
     assert items.outputs(recorded(outputs=[lamp | {"signal": "contact"}]), seen).green is True
+
+
+def changed(**verdicts: tuple[float, str]) -> list[items.Item]:
+    """The items of the recorded devices, of which those with these names have another value and verdict."""
+    status = recorded()
+    for check in status["devices"]:
+        name = check["name"].replace(" ", "_")
+        check["value"], check["verdict"] = verdicts.get(name, (check["value"], check["verdict"]))
+    return items.devices(status)
+
+
+def test_of_a_tracker_that_is_lost_nothing_else_is_green() -> None:
+    found = green(changed(tracker_presence=(12_759.0, "FAULT")))
+    assert found["tracker presence"] is False
+    unknown = {name for name, good in found.items() if good is None}
+    assert unknown == {"tracker alert", "tracker freshness", "line of sight", "marker fit", "marker geometry"}
+    assert None not in green(changed(estimator_presence=(2000.0, "FAULT"))).values()
+
+
+def test_a_probe_that_the_tracker_does_not_see_has_its_line() -> None:
+    found = {item.name: item for item in changed(line_of_sight=(5200.0, "NOT_VERIFIED"))}
+    assert (found["line of sight"].green, found["line of sight"].what) == (None, "5200 ms, limit 3000")
 
 
 def test_a_part_that_is_within_its_limit_again_is_red_and_says_why() -> None:
