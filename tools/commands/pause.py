@@ -2,7 +2,6 @@
 
 import re
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -17,25 +16,18 @@ _UNITS_S = {"": 1, "s": 1, "m": 60, "min": 60}
 _TIME = re.compile(r"(\d+(?:\.\d*)?) ?([a-z]*)")
 
 
-class _Pause(click.ParamType[float]):
-    """A time in seconds, or with its unit."""
-
-    name = "seconds"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """Raises click.BadParameter."""
-        if isinstance(value, int | float):
-            return value
-        found = _TIME.fullmatch(str(value).strip().lower())
-        seconds = float(found[1]) * _UNITS_S.get(found[2], 0) if found else 0.0
-        if not _SHORTEST_S <= seconds <= _LONGEST_S:
-            most = f"{_SHORTEST_S} to {_LONGEST_S} seconds, such as 30 or 1m"
-            self.fail(f"'{value}' is no time for a pause: {most}. Longer: --off REASON", param, ctx)
-        return seconds
+def _seconds(_: click.Context, __: click.Parameter, typed: str) -> float:
+    """Returns the time in s, which may be typed with its unit. Raises click.BadParameter."""
+    found = _TIME.fullmatch(typed.strip().lower())
+    seconds = float(found[1]) * _UNITS_S.get(found[2], 0) if found else 0.0
+    if not _SHORTEST_S <= seconds <= _LONGEST_S:
+        taken = f"{_SHORTEST_S} to {_LONGEST_S} seconds, such as 30 or 1m"
+        raise click.BadParameter(f"'{typed}' is no time for a pause: {taken}. Longer: --off REASON")
+    return seconds
 
 
 @click.command()
-@click.argument("seconds", type=_Pause(), default=_LONGEST_S)
+@click.argument("seconds", callback=_seconds, default=str(_LONGEST_S))
 @click.option("--off", "reason", metavar="REASON", help="switch the sound off until --on; it reminds once a minute")
 @click.option("--on", is_flag=True, help="switch the sound on again")
 @socket_option
