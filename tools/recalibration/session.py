@@ -29,6 +29,7 @@ from tools.recalibration.scanning import Scanned, counts_of, marked, state_field
 from tools.recalibration.steps import LatencyStep, Sound, estimate_of
 from tools.shared.feed import Feed
 from tools.shared.status_watch import Seen, StatusWatch
+from tools.shared.verification import waits_for
 
 _LOOK_S = 0.5
 """Between two looks at the service's state, and before a lost feed is asked for again: ten ticks."""
@@ -417,7 +418,7 @@ class ScanSession:
             return
         self._trouble = ""
         ours = (status["reference"] or {}).get("sha256") == self._sha256
-        self._message = str(status.get("reference_waits") or status["reason"])
+        self._message = waits_for(status)
         if status["state"] == State.MONITORING.value and ours:
             self._phase, self._message = Phase.DONE, "the service has verified the new calibration and monitors again"
         elif not ours:

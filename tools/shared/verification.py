@@ -3,7 +3,7 @@
 import contextlib
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,8 @@ import click
 
 from appliance.service.control.client import ControlClient
 from appliance.service.control.server import ControlRefused
-from appliance.types import State
+from appliance.supervision.alarms import HAZARDS, SIGNALS
+from appliance.types import Fault, Kind, State
 from drivers.errors import ConfigurationError, DeviceLost, ProbewatchError
 from tools.shared.interruption import stopped_saying
 from tools.shared.terminal import progress_bar
@@ -109,6 +110,20 @@ def _become(socket: Path, before: dict[str, Any] | None) -> str:
     return f"reference {now['number']} was taken, and the contact stays open until motion has verified it{back}"
 
 
+def waits_for(status: Mapping[str, Any]) -> str:
+    """Returns what keeps the service from having verified a new reference: what stands in its way, such as a probe in
+    the air, else which parameters no motion has shown yet.
+    """
+    reason = str(status.get("reference_waits") or status["reason"])
+    if reason != SIGNALS[State.RECALIBRATING].text:
+        return reason
+    checks = (*status["devices"], *status["checks"])
+    found = {one["fault"] for one in checks if one["verdict"] != "OK" and one["value"] is not None}
+    unseen = next((HAZARDS[fault].text for fault in Fault if fault.kind is Kind.SIGHT and fault in found), "")
+    missing = ", ".join(status.get("missing", ()))
+    return unseen or (f"not shown yet: {missing}" if missing else reason)
+
+
 def await_verification(client: ControlClient, socket: Path, wait_s: float) -> None:
     """Returns once the service monitors. `client` gave the reference; its connection stays open, so that no other
     client changes the reference meanwhile. Raises DeviceLost, ControlRefused.
@@ -119,7 +134,7 @@ def await_verification(client: ControlClient, socket: Path, wait_s: float) -> No
         task = progress.add_task("wait", total=None, state="", reason="")
         while True:
             status = client.status()
-            reason = status.get("reference_waits") or status["reason"]
+            reason = waits_for(status)
             progress.update(task, state=status["state"], reason=reason)
             if status["state"] != State.RECALIBRATING.value:
                 break

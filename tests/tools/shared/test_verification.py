@@ -1,0 +1,56 @@
+"""What a person is told while the service verifies a new reference."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+
+from appliance.service.control.server import Peer
+from appliance.supervision.languages import translated_text
+from appliance.types import State
+from tests.support.answering import Answers, recorded
+from tools.commands import calibration
+from tools.shared.verification import waits_for
+
+WAITING = {"state": State.RECALIBRATING.value, "reason": "Recalibrating", "missing": ["scale-axial", "latency"]}
+
+
+def status(**fields: Any) -> dict[str, Any]:
+    return recorded(**{"reference_waits": None, **WAITING, **fields})
+
+
+def test_what_no_motion_has_shown_yet_is_named_in_each_language() -> None:
+    assert waits_for(status()) == "not shown yet: scale-axial, latency"
+    assert translated_text(waits_for(status()), "de") == "noch nicht gezeigt: Maßstab axial, Verzögerung"
+
+
+def test_what_keeps_motion_from_showing_anything_is_named_before_that() -> None:
+    empty = status()
+    for check in empty["checks"]:
+        if check["name"] == "no-picture":
+            check["verdict"], check["value"] = "NOT_VERIFIED", 1.0
+    assert waits_for(empty) == "No ultrasound in the picture"
+
+
+def test_what_the_service_says_itself_goes_before() -> None:
+    assert waits_for(status(reference_waits="it is not on the disk yet")) == "it is not on the disk yet"
+    assert waits_for(status(reason="Alarm output does not respond")) == "Alarm output does not respond"
+    assert waits_for(status(missing=[])) == "Recalibrating"
+
+
+class _Unverified(Answers):
+    """A service that takes every reference and never verifies one."""
+
+    def _answer(self, do: str, request: dict[str, Any], who: Peer) -> dict[str, Any]:
+        proposal = {"text": "nothing", "confirm": False}
+        return {"status": {"status": status()}, "propose-calibration": {"proposal": proposal}}.get(do, {})
+
+
+@pytest.mark.parametrize("command", ["use", "back"])
+def test_a_wait_that_ends_in_vain_says_what_was_missing(tmp_path: Path, command: str) -> None:
+    wanted = str(Path(__file__).parents[3] / "config" / "calibration.toml") if command == "use" else "1"
+    with _Unverified(tmp_path / "control") as service:
+        words = [command, wanted, "--socket", str(service.path), "--wait", "1"]
+        refusal = CliRunner().invoke(calibration.command, words).exception
+    assert "not verified within 1 s: not shown yet: scale-axial, latency. The contact stays open" in str(refusal)
