@@ -132,16 +132,19 @@ def command(
     place = _calibration_place(known, probe)
     if calibration is not None and calibration != "none":
         _refuse_calibration(place, _whole(calibration), person)
+    at = _place(known, Role.CONTACT)
+    seen = _Device("video", video, old.video.url if old else "", try_it)
+    tracked = _Device("tracker", tracker, old.tracker.url if old else "", try_it)
+    opened = _Device("output", contact, old.output[at].url if old else "", None)
+    for device in (seen, tracked, opened):
+        device.check_given()
+    lit = _lamps(known, lamps)
     with stopped_saying("nothing was written"):
         answers: dict[Place, Value] = {("configured",): True}
-        seen = _Device("video", video, old.video.url if old else "", try_it)
         answers["video", "url"] = seen.url(person, lambda: _connected("video"))
-        tracked = _Device("tracker", tracker, old.tracker.url if old else "", try_it)
         answers["tracker", "url"] = held = tracked.url(person, lambda: _connected("tracker"))
-        at = _place(known, Role.CONTACT)
-        opened = _Device("output", contact, old.output[at].url if old else "", None)
         answers["output", at, "url"] = told = opened.url(person, lambda: _connected("output", held))
-        answers |= _lamps(known, lamps)
+        answers |= lit
         answers["calibration", "file"] = _calibration(calibration, without, old, place, person)
         if probe is not None:
             answers["calibration", "probe"] = probe
@@ -193,6 +196,13 @@ class _Device:
     def option(self) -> str:
         """The option that answers instead of the question."""
         return f"--{'contact' if self.kind == 'output' else self.kind} URL"
+
+    def check_given(self) -> None:
+        """Raises ConfigurationError for the URL of an option that is invalid: a slip is told before any device is
+        tested.
+        """
+        if self.given is not None:
+            self._check_words(self.given)
 
     def url(self, person: _Person, look: Callable[[], Iterator[tuple[str, str]]]) -> str:
         """Returns the URL, from the option or the answer. `look` lists (URL, title) of connected devices.
@@ -265,12 +275,15 @@ class _Device:
         return url
 
     def _check(self, url: str) -> None:
+        self._check_words(url)
+        if self.try_it is not None and url != self.before:
+            self.try_it(url, self.kind)
+
+    def _check_words(self, url: str) -> None:
         check_options(url, self.kind)
         for why in relative(url):
             what, _, remedy = why.partition(". ")
             raise ConfigurationError(what, url, remedy)
-        if self.try_it is not None and url != self.before:
-            self.try_it(url, self.kind)
 
 
 def _numbers(most: int) -> str:

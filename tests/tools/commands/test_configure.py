@@ -314,3 +314,23 @@ def test_whoever_stops_is_told_that_nothing_was_written(file: Path) -> None:
         assert person.ends() == 130
         assert "stopped: nothing was written" in person.text
     assert file.read_text() == template()
+
+
+@pytest.mark.parametrize(
+    "slip",
+    [
+        ("--contact", "relay:/dev/ttyUSB1?chanel=1"),
+        ("--lamp", "red", "relay:/dev/ttyUSB1?chanel=2"),
+        ("--tracker", "ndi:/dev/ttyUSB0?channel=1"),
+    ],
+)
+def test_a_slip_in_an_option_is_told_before_any_device_is_tried(
+    file: Path, monkeypatch: pytest.MonkeyPatch, slip: tuple[str, ...]
+) -> None:
+    """Each is tried for seconds."""
+    tried: list[str] = []
+    monkeypatch.setattr("tools.commands.configure._try", lambda url, _: tried.append(url))
+    refused = refusal(configured(file, *DEVICES, *slip, "--no-calibration", "--yes"))
+    assert ("'chan" in refused, tried, file.read_text()) == (True, [], template())
+    assert configured(file, *DEVICES, "--no-calibration", "--yes").exit_code == 0
+    assert tried == [DEVICES[1], DEVICES[3]]
