@@ -12,6 +12,7 @@ from appliance.configuration.config import load_config
 from drivers.errors import ConfigurationError
 from tools.recorder.run import RecorderService, ask
 from tools.shared.named_cart import cart_option
+from tools.shared.unit_sight import is_of_the_unit
 
 
 @click.command()
@@ -36,7 +37,7 @@ def command(action: str | None, config_file: Path, reason: str) -> None:
     """
     config = load_config(config_file)
     if action is not None:
-        _print(ask(config.recorder.socket, action, reason))
+        _print(ask(config.recorder.socket, action, reason, _start(config_file)))
         return
     stop = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
@@ -47,6 +48,13 @@ def command(action: str | None, config_file: Path, reason: str) -> None:
             service.run(stop.is_set)
     except OSError as error:
         raise ConfigurationError(f"cannot be used ({error.strerror})", str(config.recorder.folder)) from None
+
+
+def _start(config_file: Path) -> str:
+    """Returns how the recorder of this cart is started; the unit's is another cart's, unless this is the unit's."""
+    if is_of_the_unit(config_file):
+        return "systemctl start probewatch-recorder; journalctl -u probewatch-recorder says why it ended"
+    return f"probewatch record --config {config_file}"
 
 
 def _print(fields: dict[str, object]) -> None:

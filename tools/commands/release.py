@@ -6,10 +6,14 @@ from pathlib import Path
 import click
 
 from appliance.configuration.config import load_config
+from appliance.service.control.client import ControlClient
 from drivers.clock.host_clock import HostClock
-from drivers.errors import ConfigurationError, DeviceLost
+from drivers.errors import ConfigurationError, DeviceLost, ProbewatchError
 from drivers.registry import open_output
 from tools.shared.named_cart import ENVIRONMENT
+
+_ANSWER_S = 1.0
+"""For a running service to take the connection: twenty ticks. Longer only delays the end of the unit."""
 
 
 @click.command("release")
@@ -32,11 +36,23 @@ def command(config_file: Path) -> None:
     Example:
       probewatch release --config /etc/probewatch/probewatch.toml
     """
-    unreached = [problem for output in load_config(config_file).output if (problem := _release(output.url))]
+    config = load_config(config_file)
+    unreached = [problem for output in config.output if (problem := _release(output.url))]
     for problem in unreached:
         click.echo(f"probewatch: {problem}", err=True)
+    if unreached and _is_served(config.control.socket):
+        what = f"a service runs at {config.control.socket} and holds its outputs: it opens them itself when it ends"
+        click.echo(f"probewatch: {what}", err=True)
     if unreached:
         sys.exit(DeviceLost.exit_code)
+
+
+def _is_served(socket: Path) -> bool:
+    try:
+        ControlClient(socket, _ANSWER_S).close()
+    except ProbewatchError:
+        return False
+    return True
 
 
 def _release(url: str) -> str:

@@ -27,7 +27,7 @@ from appliance.service.control.client import ControlClient
 from appliance.service.feed.message import FeedMessage
 from appliance.service.feed.request import FeedRequest
 from appliance.service.host.unix_socket import Lines, connected, listening
-from drivers.errors import ConfigurationError, DeviceLost, ProbewatchError
+from drivers.errors import ConfigurationError, DeviceLost, ProbewatchError, system_words
 from drivers.files.atomic_file import make_folder
 from drivers.printable import printable
 from tools.recorder.recorder import Keeping, Recorder
@@ -172,15 +172,16 @@ class RecorderService:
         return ""
 
 
-def ask(path: Path, do: str, reason: str = "") -> dict[str, Any]:
-    """A running recorder; its fields. Raises DeviceLost where none answers or it refuses."""
+def ask(path: Path, do: str, reason: str = "", start: str = "probewatch record") -> dict[str, Any]:
+    """A running recorder; its fields. start: what starts one of this cart. Raises DeviceLost where none answers or it
+    refuses.
+    """
     try:
         with connected(path, 2 * _ANSWER_S) as link:
             link.sendall(json.dumps({"do": do, "reason": reason}).encode() + b"\n")
             reply = json.loads(_line(link, 2 * _ANSWER_S))
     except (OSError, ValueError) as error:
-        remedy = "Start it: systemctl start probewatch-recorder; journalctl -u probewatch-recorder says why it ended"
-        raise DeviceLost(f"no recorder answers ({error})", str(path), remedy) from None
+        raise DeviceLost(f"no recorder answers ({system_words(error)})", str(path), f"Start it: {start}") from None
     if not isinstance(reply, dict) or not reply.get("ok"):
         raise DeviceLost(f"refused: {reply.get('error') if isinstance(reply, dict) else reply}", str(path))
     return reply

@@ -1,9 +1,11 @@
 """`probewatch record status`: what a recorder answers, in words."""
 
+from pathlib import Path
 from typing import Any
 
 import pytest
 
+from tests.support.answers import answered
 from tools.commands.record import told
 
 ANSWER: dict[str, Any] = {
@@ -59,3 +61,16 @@ def test_every_field_of_a_recorder_is_told() -> None:
                 "other" if isinstance(value, str) or value is None else not value if isinstance(value, bool) else 7e9
             )
             assert told({**ANSWER, name: other}) != told(ANSWER), name
+
+
+@pytest.mark.parametrize("action", ["status", "start", "stop"])
+def test_where_no_recorder_answers_the_start_of_this_carts_is_named(tmp_path: Path, action: str) -> None:
+    """The unit's is another cart's."""
+    template = (Path(__file__).parents[3] / "config" / "probewatch.toml").read_text()
+    file = tmp_path / "cart.toml"
+    file.write_text(
+        template.replace('# socket = "/run/probewatch-recorder/control"', f'socket = "{tmp_path}/recorder"')
+    )
+    answer = answered("record", action, "--config", file)
+    said = f"{tmp_path}/recorder: no recorder answers (no such file or directory). Start it: probewatch record --config"
+    assert (answer.returncode, answer.stderr.strip()) == (69, f"probewatch: {said} {file}")

@@ -13,6 +13,7 @@ from pathlib import Path
 from drivers.clock.host_clock import HostClock
 from drivers.twins.pty_line import PtyLine
 from drivers.twins.relay_board import RelayBoard
+from tests.support.answering import Answering
 from tests.support.answers import answered
 
 PROBEWATCH = Path(sys.executable).parent / "probewatch"
@@ -58,6 +59,15 @@ def test_one_that_is_not_there_is_named_and_does_not_keep_the_others_closed(tmp_
     assert released.returncode == 69
     assert "/dev/no-such" in released.stderr
     assert board.contacts == {1: False}
+
+
+def test_what_a_running_service_holds_is_left_to_it_and_that_is_told(tmp_path: Path) -> None:
+    config = written(tmp_path, "relay:/dev/no-such", head=f'control.socket = "{tmp_path}/control"\n')
+    said = f"a service runs at {tmp_path}/control and holds its outputs: it opens them itself when it ends"
+    assert said not in answered("release", "--config", config).stderr
+    with Answering(tmp_path / "control"):
+        released = answered("release", "--config", config)
+    assert (released.returncode, said in released.stderr) == (69, True), released
 
 
 def test_an_unconfigured_service_is_alive_not_verified_and_says_why(tmp_path: Path) -> None:
