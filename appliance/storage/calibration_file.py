@@ -19,7 +19,7 @@ from appliance.configuration.mistakes import Mistakes
 from appliance.core.acquisition.input_validation import ORTHOGONAL_WITHIN
 from appliance.types import PARAMETERS, Calibration, Vector
 from drivers.errors import ConfigurationError
-from drivers.files.atomic_file import writing
+from drivers.files.atomic_file import check_kind, writing
 from drivers.files.markup import SAVE_AS_UTF_8, NotUtf8Error, text_of, toml_of, xml_of
 from drivers.files.regular_file import read_bounded
 from drivers.recordings.foreign import HEAD_BYTES, kind_of
@@ -157,12 +157,13 @@ def calibration_bytes(path: Path) -> bytes:
 
 
 def check_own_name(path: Path | None) -> None:
-    """Raises ConfigurationError for the name of another program's file: what is written is TOML, which PLUS and 3D
+    """Raises ConfigurationError for the name of another kind of file: what is written is TOML, which PLUS and 3D
     Slicer do not read, whatever it is called. None is no file.
     """
     if path is not None and path.suffix.lower() in _OTHERS:
         remedy = "Name a .toml; then, for PLUS or 3D Slicer: probewatch calibration export"
         raise ConfigurationError(f"a calibration file of ours is TOML, not {path.suffix}", str(path), remedy)
+    check_kind(path, "a calibration, TOML", ".toml")
 
 
 def write_calibration(path: Path, calibration: Calibration, provenance: Mapping[str, str]) -> None:

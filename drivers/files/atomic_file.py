@@ -14,6 +14,26 @@ from drivers.files.regular_file import refuse_irregular
 PAGE_BEGINS = b"<!doctype html>"
 """Beginning of every page that a command writes, for `check_replaceable`."""
 
+PAGE_ENDS = (".html", ".htm")
+"""Endings of the names of such a page."""
+_KINDS = {
+    **dict.fromkeys(PAGE_ENDS, "an HTML page"),
+    ".pdf": "a PDF",
+    ".csv": "a table, CSV",
+    ".json": "JSON",
+    ".toml": "TOML",
+    ".xml": "XML",
+    ".tfm": "an ITK transform",
+    ".h5": "HDF5",
+    ".prom": "metrics",
+    ".txt": "plain text",
+    ".mcap": "a black box",
+    **dict.fromkeys((".mha", ".mhd", ".nrrd", ".nhdr"), "a sequence of pictures"),
+    **dict.fromkeys((".mp4", ".mkv", ".avi"), "a film"),
+    **dict.fromkeys((".png", ".jpg", ".jpeg", ".svg"), "a picture"),
+}
+"""Ending of a name, in lower case → what everybody takes such a file for."""
+
 
 def sync_directory(directory: Path) -> None:
     """Make renames inside directory durable."""
@@ -82,6 +102,20 @@ def check_writable(path: Path | None) -> None:
             raise OSError(errno.EACCES, "its folder does not exist, or may not be written to")
     except OSError as error:
         raise _not_written(path, error) from error
+
+
+def check_kind(path: Path | None, what: str, *endings: str) -> None:
+    """Raises ConfigurationError where the name ends as that of another kind of file: neither a person nor a program
+    would take it for what is in it. Endings that nobody knows are free. None is no file.
+
+    what: is written there. endings: of that kind, in lower case; the first is proposed.
+    """
+    ending = "" if path is None else path.suffix.lower()
+    if path is None or ending in endings or ending not in _KINDS:
+        return
+    said = f"is the name of {_KINDS[ending]}, and what is written there is {what}"
+    remedy = f"Name it {path.with_suffix(endings[0]).name}" if endings else f"Name it {path.stem}"
+    raise ConfigurationError(said, str(path), remedy)
 
 
 def check_new(path: Path | None) -> None:

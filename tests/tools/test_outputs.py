@@ -1,5 +1,6 @@
 """No command writes over a file of another kind: every option that names a file is known here as read or written."""
 
+import re
 from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
@@ -101,6 +102,38 @@ def test_no_command_writes_over_a_file_of_another_kind(
     assert isinstance(result.exception, ConfigurationError), (result.exception, result.output)
     assert result.exception.where == str(there)
     assert "exists already" in result.exception.what
+
+
+ENDINGS = (".html", ".pdf", ".csv", ".json", ".toml", ".mcap", ".mha", ".png")
+OWN = {".html": "--html", ".pdf": "--pdf", ".csv": "--csv"}
+"""Ending → the option that writes such a file."""
+NAMED = {**WRITTEN, ("study", "--output"): ["--output", "FILE"], ("configure", "file"): ["FILE", "--yes"]}
+TOML = {
+    *(("calibration import", "--output"), ("calibration recover", "--output"), ("configure", "file")),
+    *(("noise", "--output"), ("recalibrate", "--output"), ("replay", "--estimate"), ("simulate cart", "--write")),
+}
+
+
+@pytest.mark.parametrize("where", NAMED, ids=" ".join)
+def test_no_command_writes_under_a_name_of_another_kind(
+    where: tuple[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tools.report.pdf._browser", lambda: "chromium")
+    monkeypatch.chdir(tmp_path)
+    for name in ("scan.igs.mha", "box.mcap"):
+        (tmp_path / name).write_bytes(b"")
+    before = sorted(tmp_path.iterdir())
+    own = ".toml" if where in TOML else next((one for one, option in OWN.items() if where[1] == option), None)
+    for ending in ENDINGS:
+        if ending == own or where[0] == "export" and ending == ".csv":
+            continue
+        words = [re.sub(r"FILE(\.\w+)?", f"{tmp_path}/there{ending}", word) for word in NAMED[where]]
+        words = [word.replace("FOLDER", str(tmp_path)) for word in words]
+        result = CliRunner().invoke(import_module("tools.cli").probewatch, [*where[0].split(), *words])
+        said = f"{result.exception} {result.output}"
+        assert "and what is written there is" in said or re.search("--output .*ends? in ", said), (ending, said)
+        assert result.exit_code != 0
+        assert sorted(tmp_path.iterdir()) == before
 
 
 @pytest.mark.parametrize("page", [b"", b"<!doctype html><html>old"])

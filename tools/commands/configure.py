@@ -19,7 +19,7 @@ from drivers.clock.host_clock import HostClock
 from drivers.descriptor import Option
 from drivers.device_api import TrackerSource, VideoSource
 from drivers.errors import ConfigurationError, DeviceLost, ProbewatchError
-from drivers.files.atomic_file import check_writable, writing
+from drivers.files.atomic_file import check_kind, check_writable, writing
 from drivers.io.inventory import CONNECTED, ROOT, Found
 from drivers.registry import check_options, drivers, open_tracker, open_video, split_url
 from tools.commands.check import calibration_mistakes, calibration_remarks, mistakes_in, rows
@@ -160,6 +160,7 @@ def command(
 
 
 def _refuse_unwritable(file: Path) -> None:
+    check_kind(file, "a configuration, TOML", ".toml")
     try:
         check_writable(file.resolve())
         if file.exists() and not os.access(file, os.R_OK):

@@ -30,6 +30,9 @@ def command(recordings: tuple[Path, ...], form: str, output: Path | None) -> Non
 
     Pictures are written as they were recorded: text is black only where the recorder has blackened it.
     """
+    ending = form if form.startswith(".") else f".{form}"
+    if output is not None and not output.name.endswith(ending):
+        raise click.UsageError(f"--output {output.name} does not end in {ending}")
     check_new(output)
     for recording in recordings:
         if not recording.exists():
@@ -41,10 +44,7 @@ def command(recordings: tuple[Path, ...], form: str, output: Path | None) -> Non
     if len(series) != 1 or len(boxes) != 1:
         what = "are several recordings" if len(boxes) > 1 else "is not a black box"
         raise RecordingError(what, str(recordings[0]), "Name the .mcap files of one run of the recorder")
-    ending = form if form.startswith(".") else f".{form}"
     path = output or Path(f"{series[0].boxes[0].path.stem}{ending}")
-    if not path.name.endswith(ending):
-        raise click.UsageError(f"--output {path.name} does not end in {ending}")
     check_new(path)
     number, left_out = export(series[0], form, path)
     if damage := series[0].damage_text:

@@ -13,7 +13,7 @@ import click
 from appliance.storage.alarm_chain import Entry, Event, Reading
 from appliance.types import Fault, State
 from drivers.errors import ConfigurationError
-from drivers.files.atomic_file import check_new, writing
+from drivers.files.atomic_file import check_kind, check_new, writing
 from drivers.printable import LONGEST_TEXT, printable
 from drivers.suggestion import did_you_mean, suggested
 from tools.shared.alarm_history import settled_log
@@ -73,6 +73,7 @@ def command(
     Exit code 0: the chain is whole. 65: it is not; what is wrong is said on stderr. 78: the folder cannot be read.
     """
     _refuse_contradictions(verify, (since, until), (last, state, fault, event, csv_path))
+    check_kind(csv_path, "a table, CSV", ".csv", ".txt")
     check_new(csv_path)
     if csv_path is not None and csv_path.absolute().parent.resolve() == folder.resolve():
         raise ConfigurationError("lies in the folder of the log itself", str(csv_path), "Write it to another folder")

@@ -9,7 +9,7 @@ from pathlib import Path
 import click
 
 from drivers.errors import ConfigurationError
-from drivers.files.atomic_file import check_replaceable, replacing
+from drivers.files.atomic_file import check_kind, check_replaceable, replacing
 from tools.monitoring.endpoint import Endpoint
 from tools.monitoring.reading import Exposition
 from tools.shared.absent_service import warn_if_absent
@@ -78,6 +78,7 @@ def command(
         sys.exit(69 if b"\nprobewatch_up 0.0\n" in text else 0)
     if no_http and textfile is None:
         raise click.UsageError("--no-http needs --textfile")
+    check_kind(textfile, "metrics", ".prom", ".txt")
     check_replaceable(textfile, _METRICS_BEGIN)
     stop = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):

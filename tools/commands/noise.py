@@ -16,7 +16,7 @@ from appliance.limits import FALSE_ALARM_H, MOST_NAMED_NATS, NAMED_NATS
 from appliance.storage.black_box import Series
 from appliance.supervision.timeline import Judging
 from drivers.errors import RecordingError
-from drivers.files.atomic_file import check_replaceable
+from drivers.files.atomic_file import check_kind, check_replaceable
 from tools.shared.digest import file_sha256
 from tools.shared.found_recordings import found
 from tools.shared.healthy_scanning import Heard, heard_in_sequence, heard_in_series
@@ -53,6 +53,7 @@ def command(recordings: tuple[Path, ...], output: Path, config_path: Path | None
     Exit code 65: a recording is damaged, not healthy, named twice, or all are too short (it says how much is needed).
     78: a file or an option cannot be used.
     """
+    check_kind(output, "TOML", ".toml")
     check_replaceable(output, NOISE_BEGINS.encode())
     config = None if config_path is None else load_config(config_path)
     judging = Judging() if config is None else Judging(config.limits, timeouts=config.supervisor.timeouts())

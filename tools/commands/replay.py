@@ -21,10 +21,11 @@ from appliance.supervision.timeline import Judging
 from appliance.types import Calibration, Check
 from drivers.descriptor import FILM_SUFFIXES
 from drivers.errors import ConfigurationError, RecordingError
-from drivers.files.atomic_file import PAGE_BEGINS, check_apart, check_new, check_replaceable
+from drivers.files.atomic_file import check_apart, check_new
 from drivers.recordings.replay import Recording, open_recording
 from drivers.suggestion import did_you_mean, suggested
 from drivers.twins.faults import CART_FAULTS, Episode, Schedule, refuse_unknown_fault
+from tools.report.page import check_page
 from tools.report.pdf import check_pdf, write_pdf
 from tools.report.recording_page import write_recording_page
 from tools.report.trace import Trace
@@ -138,7 +139,7 @@ def command(
     _refuse_report(recordings)
     _refuse_absent(recordings)
     check_apart((html_path, pdf_path, estimate_path), (*recordings, poses, calibration, config_path))
-    check_replaceable(html_path, PAGE_BEGINS)
+    check_page(html_path)
     check_pdf(pdf_path)
     if pdf_path is not None and html_path is None:
         raise click.UsageError("--pdf prints the page of --html")

@@ -12,6 +12,7 @@ from appliance.core.parameters import MEASURED
 from appliance.limits import PROFILES, Profile
 from appliance.storage.calibration_file import calibration_bytes
 from drivers.errors import ConfigurationError, DeviceLost, RecordingError
+from drivers.files.atomic_file import check_kind
 from drivers.twins.scene.breathing import DIRECTIONS
 from drivers.twins.scene.surroundings import described, surroundings
 from tools.shared.found_recordings import found
@@ -190,6 +191,7 @@ def command(
     Of RECORDINGs the table has what the instrument says of each: no truth is known there. They are files, folders, or
     addresses that fsspec knows, such as s3://bucket/archive, of which each worker fetches its own.
     """
+    check_kind(output, "a folder of several files")
     try:
         output.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -13,7 +13,7 @@ from rich.console import Console
 from appliance.core.parameters import MEASURED, QUANTITIES, class_of
 from appliance.core.quality.trend import Estimate, Trend, trend
 from appliance.storage.alarm_chain import Entry, Event
-from drivers.files.atomic_file import PAGE_BEGINS, check_replaceable
+from tools.report.page import check_page
 from tools.report.trend_page import write_trend_page
 from tools.shared.alarm_history import settled_log
 from tools.shared.json_report import json_of, json_option
@@ -47,7 +47,7 @@ def command(folder: Path, reference: int | None, html_path: Path | None, as_json
     Exit code 0: all steady. 1: something is moving or near its limit. 3: fewer than 13 estimates, nothing can be said.
     65: the alarm log is damaged; what it still holds is told. 78: the folder cannot be read.
     """
-    check_replaceable(html_path, PAGE_BEGINS)
+    check_page(html_path)
     reading = settled_log(folder)
     entries = reading.entries
     number = reference if reference is not None else _latest(entries)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import cv2
 
-from drivers.files.atomic_file import PAGE_BEGINS, writing
+from drivers.files.atomic_file import PAGE_BEGINS, PAGE_ENDS, check_kind, check_replaceable, writing
 from drivers.samples import GreyImage
 
 _ALLOWED = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
@@ -36,6 +36,12 @@ svg text.a { fill: var(--a); } svg text.b { fill: var(--b); } svg .band { opacit
 svg .band.a { fill: var(--a); } svg rect.good { fill: var(--good); } svg rect.bad { fill: var(--bad); }
 svg rect.wait { fill: var(--wait); } svg rect.warn { fill: var(--warn); } svg rect.a { fill: var(--a); }
 """
+
+
+def check_page(path: Path | None) -> None:
+    """Raises ConfigurationError where no page can be written under that name. None is no file."""
+    check_kind(path, "HTML", *PAGE_ENDS)
+    check_replaceable(path, PAGE_BEGINS)
 
 
 def write_page(path: Path, title: str, parts: Iterable[str]) -> None:

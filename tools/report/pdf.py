@@ -7,7 +7,7 @@ import tempfile
 from pathlib import Path
 
 from drivers.errors import ConfigurationError
-from drivers.files.atomic_file import check_replaceable, writing
+from drivers.files.atomic_file import check_kind, check_replaceable, writing
 
 _PDF_BEGINS = b"%PDF-"
 _BROWSERS = ("chromium", "chromium-browser", "google-chrome")
@@ -16,7 +16,10 @@ _TIMEOUT_S = 60
 
 
 def check_pdf(path: Path | None) -> None:
-    """Raises ConfigurationError where no browser can print it, or it would replace another thing; None is no file."""
+    """Raises ConfigurationError where no browser can print it, the name is of another kind of file, or it would replace
+    another thing; None is no file.
+    """
+    check_kind(path, "PDF", ".pdf")
     check_replaceable(path, _PDF_BEGINS)
     if path is not None and _browser() is None:
         raise ConfigurationError("needs the program chromium", str(path), "Install it: apt install chromium")

@@ -14,7 +14,7 @@ from pathlib import Path
 import click
 
 from drivers.errors import ConfigurationError
-from drivers.files.atomic_file import check_new, check_replaceable, replacing
+from drivers.files.atomic_file import check_kind, check_new, check_replaceable, replacing
 from drivers.twins.faults import PICTURE_FAULTS
 from drivers.twins.ndi.tracker import NDI_FAULTS
 from tools.shared.configuration_text import Answers, changed, template
@@ -70,6 +70,7 @@ def command(file: Path | None, folder: Path | None, seed: int, unconfigured: boo
     \b
     Exit code 0: ended by Ctrl-C. 69: a part of it died. 78: a file or folder cannot be used, or is in use.
     """
+    check_kind(file, "a configuration, TOML", ".toml")
     if unconfigured:
         check_new(file)
     else:
