@@ -125,7 +125,7 @@ def test_no_command_writes_under_a_name_of_another_kind(
     before = sorted(tmp_path.iterdir())
     own = ".toml" if where in TOML else next((one for one, option in OWN.items() if where[1] == option), None)
     for ending in ENDINGS:
-        if ending == own or where[0] == "export" and ending == ".csv":
+        if ending == own or (where[0] == "export" and ending == ".csv"):
             continue
         words = [re.sub(r"FILE(\.\w+)?", f"{tmp_path}/there{ending}", word) for word in NAMED[where]]
         words = [word.replace("FOLDER", str(tmp_path)) for word in words]

@@ -17,7 +17,7 @@ from appliance.storage.black_box import Series
 from appliance.supervision.timeline import Judging
 from drivers.errors import RecordingError
 from drivers.files.atomic_file import check_kind, check_replaceable
-from tools.shared.digest import file_sha256
+from tools.shared.digest import file_sha256, with_pictures
 from tools.shared.found_recordings import found
 from tools.shared.healthy_scanning import Heard, heard_in_sequence, heard_in_series
 from tools.shared.noise_tail import Tail, least_hours, minutes_text, tail_of
@@ -88,7 +88,7 @@ def _heard(one: Path | Series, calibration: Path | None, judging: Judging) -> tu
 
 
 def _files(one: Path | Series) -> tuple[Path, ...]:
-    return tuple(box.path for box in one.boxes) if isinstance(one, Series) else (one,)
+    return tuple(box.path for box in one.boxes) if isinstance(one, Series) else with_pictures(one)
 
 
 def _once_each(files: list[Path]) -> tuple[LearnedFrom, ...]:

@@ -29,6 +29,7 @@ from tools.report.page import check_page
 from tools.report.pdf import check_pdf, write_pdf
 from tools.report.recording_page import write_recording_page
 from tools.report.trace import Trace
+from tools.shared.digest import with_pictures
 from tools.shared.estimate import write_estimate
 from tools.shared.found_recordings import SUFFIXES, found
 from tools.shared.json_report import json_option, text_aside
@@ -164,7 +165,7 @@ def command(
     trace = Trace()
     names = _Names(poses, probe, reference, orientation)
     outcome = _replayed(one, calibration, judging, schedule, names, nobody if html_path is None else trace)
-    files = [*(_parts(one) or (_path(one),)), *([] if poses is None else [poses])]
+    files = [*(_parts(one) or with_pictures(_path(one))), *([] if poses is None else [poses])]
     subject = Subject.of(files, calibration, config_path, schedule)
     _print(outcome, subject)
     write_report({**outcome.fields(), "of": subject.fields()})

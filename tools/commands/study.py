@@ -19,7 +19,7 @@ from tools.shared.found_recordings import found
 from tools.shared.tables import NOTHING, FittingTable
 from tools.shared.terminal import progress_bar
 from tools.shared.without_effect import refuse_typed
-from tools.study.archive import ARCHIVE_KEYS, CALIBRATION, NOT_FETCHED, ArchiveTask, archive_table
+from tools.study.archive import ARCHIVE_KEYS, CALIBRATION, NOT_FETCHED, STATE, ArchiveTask, archive_table
 from tools.study.hand import ALL, PROGRAMS
 from tools.study.hazard import STANDARD, WITHIN, Hazard
 from tools.study.page import check_page, write_page
@@ -279,6 +279,7 @@ def _archive(recordings: tuple[str, ...], calibration: Path | None) -> list[Arch
 def _study_recordings(archive: list[ArchiveTask], output: Path, jobs: int, scheduler: str | None) -> None:
     table = StudyTable(output / "recordings.csv", ARCHIVE_KEYS)
     _refuse_other_calibration(archive, table)
+    _refuse_changed(archive, table)
     left = [task for task in archive if (str(task.recording),) not in table.done]
     if len(left) < len(archive):
         click.echo(f"{len(archive) - len(left)} of {len(archive)} recordings are in {table.path} already")
@@ -302,6 +303,17 @@ def _refuse_other_calibration(archive: list[ArchiveTask], table: StudyTable) -> 
         if kept != task.judged_by:
             what = f"has {task.recording} as judged by {_named(kept)}; now it would be by {_named(task.judged_by)}"
             raise ConfigurationError(what, str(table.path), "Give another folder with --output")
+
+
+def _refuse_changed(archive: list[ArchiveTask], table: StudyTable) -> None:
+    """Refuses a table that has one of the recordings as it is not any more: its row would be kept."""
+    by = {row["recording"]: row for row in table.rows}
+    for task in archive:
+        kept = by.get(str(task.recording))
+        if kept is not None and not task.is_of(kept):
+            what = f"has {task.recording} as it was ({kept[STATE]}); it has changed since ({task.state})"
+            remedy = "Take its line out to have it judged again, or give another folder with --output"
+            raise ConfigurationError(what, str(table.path), remedy)
 
 
 def _named(sha256: str) -> str:

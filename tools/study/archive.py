@@ -1,6 +1,7 @@
 """What the instrument says of real recordings, a row for each; no truth is known there."""
 
 import hashlib
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -14,12 +15,13 @@ from appliance.supervision.timeline import Judging
 from drivers.errors import ConfigurationError, ProbewatchError, RecordingError
 from drivers.recordings.replay import open_recording
 from drivers.twins.faults import Schedule
+from tools.shared.digest import files_sha256, files_state, with_pictures
 from tools.shared.found_recordings import is_box
 from tools.shared.recording_run import BlackBoxSession, Session, run, run_series
 from tools.shared.rerun import Comparison
 from tools.shared.tables import NOTHING, FittingTable
 from tools.study.outcome import cell, closed_share
-from tools.study.store import NotFetchedError, fetched
+from tools.study.store import NotFetchedError, fetched, state_of
 
 NOT_FETCHED = "not fetched"
 """How the error of a recording begins that did not come."""
@@ -27,6 +29,10 @@ ARCHIVE_KEYS = ("recording",)
 """Columns that name a row."""
 CALIBRATION = "calibration_sha256"
 """Column with the file by which a recording was judged; empty for a black box that was judged by its own."""
+
+CONTENT, STATE = "recording_sha256", "recording_state"
+"""Columns with the content that was judged, of several files one behind the other, and with size and time of them, or
+what their store says: by these a row is known to be of what lies there now."""
 
 
 @dataclass(frozen=True)
@@ -53,15 +59,40 @@ class ArchiveTask:
         """SHA-256 of the calibration's file, empty without one."""
         return "" if self.content is None else hashlib.sha256(self.content).hexdigest()
 
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """All files of a recording on this computer."""
+        return self.parts or with_pictures(Path(self.recording))
+
+    @property
+    def state(self) -> str:
+        """Size and time of the files now, or what their store says; empty where neither is known."""
+        try:
+            return state_of(self.urls) if self.urls else files_state(self.files)
+        except RecordingError:
+            return ""
+
+    def is_of(self, row: Mapping[str, str]) -> bool:
+        """Whether the row was made of the content that the recording has now. What cannot be told is taken for it."""
+        state = self.state
+        if not state or state == row[STATE]:
+            return True
+        if not row[STATE]:
+            return not row["error"]  # it may be there by now
+        return not self.urls and files_sha256(self.files) == row[CONTENT]
+
     def rows(self) -> list[dict[str, str]]:
         """One row; what cannot be used has its error in it, so that the rest of an archive goes on. NOT_FETCHED begins
         one that may be gone another time.
         """
         row = {"recording": str(self.recording), **dict.fromkeys(_COLUMNS, ""), CALIBRATION: self.judged_by}
+        row[STATE] = self.state
         try:
             if not self.urls:
+                row[CONTENT] = files_sha256(self.files)
                 return [row | self._said()]
             with fetched(self.urls) as files:
+                row[CONTENT] = files_sha256(files)
                 return [row | self._of(files)._said()]
         except NotFetchedError as error:
             return [row | {"error": f"{NOT_FETCHED}: {error}"}]
@@ -160,4 +191,6 @@ _COLUMNS = (
     "error",
     *_OF_EACH,
     CALIBRATION,
+    CONTENT,
+    STATE,
 )

@@ -53,6 +53,14 @@ def listed(url: str) -> list[tuple[str, ...]]:
     return [tuple(names) for names in together.values()]
 
 
+def state_of(urls: tuple[str, ...]) -> str:
+    """Returns what changes with the content of the files, by the word of their store; empty where it has none."""
+    try:
+        return " ".join(f"{filesystem.checksum(path):x}" for filesystem, path in map(_opened, urls))
+    except Exception:  # each store has its own, and what does not answer is told when it is fetched
+        return ""
+
+
 @contextmanager
 def fetched(urls: tuple[str, ...]) -> Iterator[tuple[Path, ...]]:
     """Copies on this computer, under their own names, until the context is left. Raises NotFetchedError."""

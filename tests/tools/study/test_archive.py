@@ -3,6 +3,7 @@
 import csv
 import hashlib
 import io
+import os
 import signal
 import socket
 import subprocess
@@ -168,6 +169,47 @@ def test_a_row_is_not_kept_for_another_calibration(recording: Path, calibration:
     assert row["calibration_sha256"][:12] in str(again.exception)
     assert "--output" in str(again.exception)
     assert rows_of(tmp_path / "out") == [row]
+
+
+def test_a_row_is_not_kept_for_a_recording_that_has_changed_under_its_name(
+    recording: Path, calibration: Path, tmp_path: Path
+) -> None:
+    """It may have been cut, copied again or exported anew; a copy with the same content is the same recording."""
+    out = "--output", tmp_path / "out", "--jobs", 1
+    assert study(recording, "--calibration", calibration, *out).exit_code == 0
+    (row,) = rows_of(tmp_path / "out")
+    assert row["recording_sha256"] == hashlib.sha256(recording.read_bytes()).hexdigest()
+    os.utime(recording, ns=(0, 0))
+    assert study(recording, "--calibration", calibration, *out).exit_code == 0, "only the date is another"
+    write_metaimage(recording, items(20, SIZE_PX), SIZE_PX)
+    again = study(recording, "--calibration", calibration, *out)
+    assert isinstance(again.exception, ConfigurationError), again.output
+    assert f"has {recording} as it was ({row['recording_state']}); it has changed since" in str(again.exception)
+    assert "Take its line out" in str(again.exception)
+    assert rows_of(tmp_path / "out") == [row]
+
+
+def test_a_row_is_not_kept_where_another_file_of_the_recording_has_changed(
+    recording: Path, calibration: Path, store: str
+) -> None:
+    """The pictures beside a header, a further file of a recorder's run, and an object of a store."""
+    header = recording.with_name("apart.mhd")
+    write_metaimage(header, items(40, SIZE_PX), SIZE_PX, detached=True, compressed=False)
+    pictures = header.with_suffix(".raw")
+    fill(store, "a.mha", data=recording.read_bytes())
+    urls = (f"{store}/a.mha",)
+    for task, changed in (
+        (ArchiveTask(header, calibration), lambda: pictures.write_bytes(pictures.read_bytes()[::-1])),
+        (ArchiveTask(urls[0], calibration, urls=urls), lambda: fill(store, "a.mha", data=b"other")),
+    ):
+        (row,) = task.rows()
+        assert (row["error"], task.is_of(row)) == ("", True)
+        changed()
+        assert not task.is_of(row)
+    first, second = (recording.with_name(f"run-ab12-0000{part}.mcap") for part in (1, 2))
+    poses_alone(first)
+    (row,) = ArchiveTask(first, None, parts=(first,)).rows()
+    assert not ArchiveTask(first, None, parts=(first, poses_alone(second))).is_of(row)
 
 
 class Cluster:
