@@ -45,6 +45,8 @@ _MOST_NAMES = 16
 """Most columns that are listed: those of a transform and some beside it. More fills the screen; less hides columns."""
 _MOST_LACKING = 2
 """Columns that a table lacks and is still reported as one with misspelt headings; with more all headings are listed."""
+_MOST_WORDS = 4
+"""Most words of a column that are listed; each row may have one of its own."""
 _SHORTEST, _LONGEST = 0.9, 1.1
 """Length of a quaternion that was rounded; others are no rotation, but columns in another order."""
 
@@ -166,6 +168,8 @@ class PoseTable:
                 raise RecordingError(what, str(path), "Write numbers with points, and texts with commas in quotes")
         if not rows:
             raise RecordingError("has headings and no line of values", str(path), "Is it cut? Export it again")
+        if said := _never_good([cells[names.index("status")] for _, cells in rows if _has_status(names, cells)]):
+            raise RecordingError(said, str(path), "Write ok where the tracker saw the tool, or leave the column out")
         self._lines = [line for line, _ in rows]
         self._rows = [dict(zip(names, cells, strict=False)) for _, cells in rows]
 
@@ -236,6 +240,22 @@ def _table_rows(text: str, path: Path) -> tuple[list[str], list[tuple[int, list[
     except csv.Error as error:
         raise RecordingError(f"is not CSV ({error})", str(path), "Save the table as CSV") from None
     return names, rows
+
+
+def _has_status(names: list[str], cells: list[str]) -> bool:
+    return "status" in names and names.index("status") < len(cells)
+
+
+def _never_good(statuses: list[str]) -> str:
+    """What is wrong with a column in which nothing says that there is a pose, and some word is of nobody known; empty
+    where nothing is. It would give a recording without a single pose.
+    """
+    words = [status.partition(": ")[0].strip() for status in statuses]
+    if any(not word or word.upper() in GOOD for word in words):
+        return ""
+    unknown = [word for word in words if word not in _OWN_WORDS and word.upper() not in WITHOUT_POSE]
+    told = ", ".join(map(repr, list(dict.fromkeys(unknown))[:_MOST_WORDS]))
+    return f"has no line whose status is ok, and some are {told}, which says here why there is no pose" if told else ""
 
 
 def _no_table(names: list[str]) -> tuple[str, str]:

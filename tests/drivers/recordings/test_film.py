@@ -69,9 +69,29 @@ def test_a_status_in_a_table_is_ours_a_word_of_plus_or_else_why_there_is_none(
     tmp_path: Path, word: str, status: PoseStatus, reason: str
 ) -> None:
     table = tmp_path / "poses.csv"
-    table.write_text(f"t_s,status,x_mm,y_mm,z_mm,qw,qx,qy,qz\n0,{word},1,2,3,1,0,0,0\n")
+    table.write_text(f"t_s,status,x_mm,y_mm,z_mm,qw,qx,qy,qz\n0,{word},1,2,3,1,0,0,0\n1,ok,1,2,3,1,0,0,0\n")
     reading = PoseTable(table).transform(0, "ProbeToTracker")
     assert (reading.status, reading.reason) == (status, reason)
+
+
+@pytest.mark.parametrize("words", [("VISIBLE", "VISIBLE"), ("1", "0"), ("visible", "hidden"), ("true", "missing")])
+def test_a_table_whose_own_words_leave_no_pose_is_refused_with_what_to_write(
+    tmp_path: Path, words: tuple[str, str]
+) -> None:
+    """Each line was "no pose", with the reason "1" and without a remedy."""
+    table = tmp_path / "poses.csv"
+    lines = "".join(f"{n},{word},1,2,3,1,0,0,0\n" for n, word in enumerate(words))
+    table.write_text(f"t_s,status,x_mm,y_mm,z_mm,qw,qx,qy,qz\n{lines}")
+    with pytest.raises(RecordingError, match="no line whose status is ok") as refused:
+        PoseTable(table)
+    assert repr(words[0]) in refused.value.what
+    assert "Write ok where the tracker saw the tool, or leave the column out" in refused.value.advice
+
+
+def test_a_table_in_which_the_tool_was_never_seen_is_no_mistake(tmp_path: Path) -> None:
+    table = tmp_path / "poses.csv"
+    table.write_text("t_s,status,x_mm,y_mm,z_mm,qw,qx,qy,qz\n0,missing,,,,,,,\n1,OUT_OF_VIEW,,,,,,,\n")
+    assert [PoseTable(table).transform(n, "ProbeToTracker").matrix for n in range(2)] == [None, None]
 
 
 def test_quaternions_are_poses_too(tmp_path: Path) -> None:
@@ -95,7 +115,7 @@ def test_quaternions_are_poses_too(tmp_path: Path) -> None:
     [
         ("", "is empty"),
         ("t_s,m00\n0,1\n", "has the columns t_s, m00"),
-        (",".join(POSE_COLUMNS) + "\nnoon" + ",0" * 14 + "\n", "line 2, t_s 'noon' is not a number"),
+        (",".join(POSE_COLUMNS) + "\nnoon,1,ok" + ",0" * 12 + "\n", "line 2, t_s 'noon' is not a number"),
         (",".join(POSE_COLUMNS) + "\n0,1,ok,x" + ",0" * 11 + "\n", "line 2, m00 'x' is not a number"),
         (",".join(POSE_COLUMNS) + "\n1e300,1,ok" + ",0" * 12 + "\n", "not a time"),
         (",".join(POSE_COLUMNS) + "\n0,1\n", "line 2 ends before m00"),
