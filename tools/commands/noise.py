@@ -1,6 +1,7 @@
 """`probewatch noise`: learns the noise of this cart from healthy scanning, for `[noise]` of the configuration."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import fields
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -19,7 +20,7 @@ from drivers.errors import RecordingError
 from drivers.files.atomic_file import check_kind, check_replaceable
 from tools.shared.digest import file_sha256, with_pictures
 from tools.shared.found_recordings import found
-from tools.shared.healthy_scanning import Heard, heard_in_sequence, heard_in_series
+from tools.shared.healthy_scanning import Heard, Named, heard_in_sequence, heard_in_series
 from tools.shared.noise_tail import Tail, least_hours, minutes_text, tail_of
 
 _Item = TypeVar("_Item")
@@ -32,7 +33,18 @@ _DIGITS = 3
 @click.option("--output", required=True, type=click.Path(path_type=Path), help="file to write, such as noise.toml")
 @click.option("--config", "config_path", type=click.Path(path_type=Path), help="of the cart: its limits and times")
 @click.option("--calibration", type=click.Path(path_type=Path), help="of sequences; a black box brings its own")
-def command(recordings: tuple[Path, ...], output: Path, config_path: Path | None, calibration: Path | None) -> None:
+@click.option("--probe", help="of sequences: tool on the probe, as the transforms name it [Probe]")
+@click.option("--reference", help="of sequences: reference tool; Tracker for none [Reference, where recorded]")
+@click.option("--orientation", help="of sequences that do not state it: MF, MN, UF or UN")
+def command(
+    recordings: tuple[Path, ...],
+    output: Path,
+    config_path: Path | None,
+    calibration: Path | None,
+    probe: str | None,
+    reference: str | None,
+    orientation: str | None,
+) -> None:
     """Learn from RECORDINGS of healthy scanning how sure a FAULT must be before it is named on this cart.
 
     It plays them through the line, as replay does, and notes how far the sequential test's log likelihood ratio rises
@@ -62,7 +74,9 @@ def command(recordings: tuple[Path, ...], output: Path, config_path: Path | None
         raise RecordingError(f"cannot be learned from: {refused[0]}", str(recordings[0]), "Leave it out")
     files = [file for one in several for file in _files(one)]
     origin = _once_each(files)
-    heard = [_heard(one, calibration, judging) for one in several]
+    named = Named(probe, reference, orientation)
+    _refuse_without_effect(several, named)
+    heard = [_heard(one, calibration, judging, named) for one in several]
     hours = sum(listened.tested_ns for listened, _ in heard) / 3.6e12
     _refuse_too_little(hours, files)
     tail = tail_of([peak for listened, _ in heard for peak in listened.peaks.values()], hours)
@@ -74,7 +88,14 @@ def command(recordings: tuple[Path, ...], output: Path, config_path: Path | None
     click.echo(f"written: {output}")
 
 
-def _heard(one: Path | Series, calibration: Path | None, judging: Judging) -> tuple[Heard, bool]:
+def _refuse_without_effect(several: Sequence[Path | Series], named: Named) -> None:
+    """Refuses options for sequences where there is none."""
+    given = [f"--{field.name}" for field in fields(named) if getattr(named, field.name) is not None]
+    if given and all(isinstance(one, Series) for one in several):
+        raise click.UsageError(f"{given[0]} is for sequences: a black box holds the pose that the cart used")
+
+
+def _heard(one: Path | Series, calibration: Path | None, judging: Judging, named: Named) -> tuple[Heard, bool]:
     """Returns what was heard, and whether it is simulated."""
     stale_ns = judging.timeouts.stale_ns
     if isinstance(one, Series):
@@ -84,7 +105,7 @@ def _heard(one: Path | Series, calibration: Path | None, judging: Judging) -> tu
         return heard
     if calibration is None:
         raise click.UsageError("Missing option '--calibration': only a black box brings its own")
-    return heard_in_sequence(one, calibration, judging.limits, stale_ns, _progress)
+    return heard_in_sequence(one, calibration, judging.limits, stale_ns, _progress, named)
 
 
 def _files(one: Path | Series) -> tuple[Path, ...]:

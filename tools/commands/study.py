@@ -1,9 +1,10 @@
 """`probewatch study`: measures how often the instrument says OK, how accurate it is, and how soon it names a fault."""
 
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from math import isfinite
 from pathlib import Path
+from typing import Any
 
 import click
 from rich.console import Console
@@ -19,7 +20,7 @@ from tools.shared.found_recordings import found
 from tools.shared.tables import NOTHING, FittingTable
 from tools.shared.terminal import progress_bar
 from tools.shared.without_effect import refuse_typed
-from tools.study.archive import ARCHIVE_KEYS, CALIBRATION, NOT_FETCHED, STATE, ArchiveTask, archive_table
+from tools.study.archive import ARCHIVE_KEYS, CALIBRATION, NAMES, NOT_FETCHED, STATE, ArchiveTask, archive_table
 from tools.study.hand import ALL, PROGRAMS
 from tools.study.hazard import STANDARD, WITHIN, Hazard
 from tools.study.page import check_page, write_page
@@ -165,6 +166,9 @@ def _profiles(_context: click.Context, _option: click.Parameter, text: str) -> t
 @click.option(
     "--calibration", type=click.Path(path_type=Path), help="of the RECORDINGs: a probewatch .toml or a PLUS device set"
 )
+@click.option("--probe", help="of RECORDINGs: tool on the probe, as the transforms name it [Probe]")
+@click.option("--reference", help="of RECORDINGs: reference tool; Tracker for none [Reference, where recorded]")
+@click.option("--orientation", help="of RECORDINGs that do not state it: MF, MN, UF or UN")
 def command(
     recordings: tuple[str, ...],
     output: Path,
@@ -181,6 +185,9 @@ def command(
     jobs: int,
     scheduler: str | None,
     calibration: Path | None,
+    probe: str | None,
+    reference: str | None,
+    orientation: str | None,
 ) -> None:
     """Judge the instrument: run simulated sessions, or RECORDINGs, through it and tell how well it does.
 
@@ -196,9 +203,10 @@ def command(
         output.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ConfigurationError(f"cannot be made: {error.strerror}", str(output), "Give another --output") from error
-    _refuse_without_effect(recordings, calibration)
+    of_recordings = {"calibration": calibration, "probe": probe, "reference": reference, "orientation": orientation}
+    _refuse_without_effect(recordings, of_recordings)
     if recordings:
-        _study_recordings(_archive(recordings, calibration), output, jobs, scheduler)
+        _study_recordings(_archive(recordings, calibration, (probe, reference, orientation)), output, jobs, scheduler)
         return
     table = StudyTable(output / "study.csv", KEYS)
     page = output / "study.html"
@@ -228,10 +236,11 @@ _SIMULATED_ALONE = (
 )
 
 
-def _refuse_without_effect(recordings: tuple[str, ...], calibration: Path | None) -> None:
+def _refuse_without_effect(recordings: tuple[str, ...], of_recordings: Mapping[str, object]) -> None:
     """Refuses options of the other kind of study. Raises UsageError, RecordingError for a missing file."""
-    if not recordings and calibration is not None:
-        raise click.UsageError("--calibration is of RECORDINGs; simulated sessions have their own")
+    given = [f"--{name}" for name, value in of_recordings.items() if value is not None]
+    if not recordings and given:
+        raise click.UsageError(f"{given[0]} is of RECORDINGs; simulated sessions have their own")
     for name in recordings:
         if not is_url(name) and not Path(name).exists():
             raise RecordingError("cannot be read: No such file or directory", name, "Check its name and its folder")
@@ -257,11 +266,15 @@ def _do(plan: Sequence[Conditions], table: StudyTable, folder: Path | None, jobs
         table.add(rows)
 
 
-def _archive(recordings: tuple[str, ...], calibration: Path | None) -> list[ArchiveTask]:
+_Names = tuple[str | None, str | None, str | None]
+"""Probe, reference, orientation."""
+
+
+def _archive(recordings: tuple[str, ...], calibration: Path | None, names: _Names) -> list[ArchiveTask]:
     """Returns a task for each recording; of a recorder, for each run."""
     content = None if calibration is None else calibration_bytes(calibration)
     stored = [urls for name in recordings if is_url(name) for urls in listed(name)]
-    tasks = [ArchiveTask(urls[0], calibration, urls=urls, content=content) for urls in stored]
+    tasks = [_task(urls[0], calibration, names, urls=urls, content=content) for urls in stored]
     if paths := [Path(name).absolute() for name in recordings if not is_url(name)]:
         several, refused = found(paths)
         for what in refused:
@@ -269,11 +282,16 @@ def _archive(recordings: tuple[str, ...], calibration: Path | None) -> list[Arch
         for one in several:
             parts = () if isinstance(one, Path) else tuple(box.path for box in one.boxes)
             path = one if isinstance(one, Path) else parts[0]
-            tasks.append(ArchiveTask(path, calibration, parts=parts, content=content))
+            tasks.append(_task(path, calibration, names, parts=parts, content=content))
     needs_one = [task for task in tasks if not task.parts and not str(task.recording).endswith(".mcap")]
     if calibration is None and needs_one:
         raise click.UsageError("RECORDINGs need --calibration: only black boxes bring their own")
     return tasks
+
+
+def _task(recording: Path | str, calibration: Path | None, names: _Names, **more: Any) -> ArchiveTask:
+    probe, reference, orientation = names
+    return ArchiveTask(recording, calibration, probe=probe, reference=reference, orientation=orientation, **more)
 
 
 def _study_recordings(archive: list[ArchiveTask], output: Path, jobs: int, scheduler: str | None) -> None:
@@ -306,7 +324,7 @@ def _refuse_other_calibration(archive: list[ArchiveTask], table: StudyTable) -> 
 
 
 def _refuse_changed(archive: list[ArchiveTask], table: StudyTable) -> None:
-    """Refuses a table that has one of the recordings as it is not any more: its row would be kept."""
+    """Refuses a table that has one of the recordings as it is not any more, or with other names: its row would be kept."""
     by = {row["recording"]: row for row in table.rows}
     for task in archive:
         kept = by.get(str(task.recording))
@@ -314,6 +332,9 @@ def _refuse_changed(archive: list[ArchiveTask], table: StudyTable) -> None:
             what = f"has {task.recording} as it was ({kept[STATE]}); it has changed since ({task.state})"
             remedy = "Take its line out to have it judged again, or give another folder with --output"
             raise ConfigurationError(what, str(table.path), remedy)
+        if kept is not None and kept[NAMES] != task.names:
+            what = f"has {task.recording} with {kept[NAMES] or 'the usual names'}, now {task.names or 'the usual ones'}"
+            raise ConfigurationError(what, str(table.path), "Give another folder with --output")
 
 
 def _named(sha256: str) -> str:

@@ -4,6 +4,7 @@ healthy.
 
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 from appliance.core.line import Line
@@ -23,6 +24,15 @@ _LASTING_NS = 1_000_000_000
 _ONE_LOOK_NS = 1_000_000_000
 """Most that one verdict counts as time: a gap in the recording is no scanning. Not measured."""
 _NOT_HEALTHY = "Leave it out, or find out what was wrong; only healthy scanning teaches the noise"
+
+
+@dataclass(frozen=True, slots=True)
+class Named:
+    """The tools and the orientation of sequences, where the files do not state them; as open_recording takes them."""
+
+    probe: str | None = None
+    reference: str | None = None
+    orientation: str | None = None
 
 
 class Heard:
@@ -64,15 +74,15 @@ class Heard:
 
 
 def heard_in_sequence(
-    path: Path, calibration: Path, limits: Limits, stale_ns: int, watched: Watched
+    path: Path, calibration: Path, limits: Limits, stale_ns: int, watched: Watched, named: Named
 ) -> tuple[Heard, bool]:
     """Returns the peaks in a sequence, and whether its calibration is simulated. Raises RecordingError,
     ConfigurationError.
     """
-    recording = open_recording(path)
+    recording = open_recording(path, probe=named.probe, reference=named.reference, orientation=named.orientation)
     if recording.size_px is None:
         raise RecordingError("holds no pictures, so nothing was judged", str(path), _NOT_HEALTHY)
-    nominal = read_calibration(calibration, recording.size_px)
+    nominal = read_calibration(calibration, recording.size_px, named.probe or "Probe")
     line, heard = _line(nominal, limits, stale_ns), Heard(path)
     for sample in watched(recording.samples()):
         heard.take(line.step(sample), line.nats)

@@ -30,6 +30,8 @@ ARCHIVE_KEYS = ("recording",)
 CALIBRATION = "calibration_sha256"
 """Column with the file by which a recording was judged; empty for a black box that was judged by its own."""
 
+NAMES = "names"
+"""Column with the tools and the orientation that were named where the file does not state them."""
 CONTENT, STATE = "recording_sha256", "recording_state"
 """Columns with the content that was judged, of several files one behind the other, and with size and time of them, or
 what their store says: by these a row is known to be of what lies there now."""
@@ -60,6 +62,13 @@ class ArchiveTask:
         return "" if self.content is None else hashlib.sha256(self.content).hexdigest()
 
     @property
+    def names(self) -> str:
+        """What was named for it, as a row has it; empty for a black box."""
+        named = {"probe": self.probe, "reference": self.reference, "orientation": self.orientation}
+        is_box = self.parts or str(self.recording).endswith(".mcap")
+        return "" if is_box else " ".join(f"{name}={value}" for name, value in named.items() if value is not None)
+
+    @property
     def files(self) -> tuple[Path, ...]:
         """All files of a recording on this computer."""
         return self.parts or with_pictures(Path(self.recording))
@@ -86,7 +95,7 @@ class ArchiveTask:
         one that may be gone another time.
         """
         row = {"recording": str(self.recording), **dict.fromkeys(_COLUMNS, ""), CALIBRATION: self.judged_by}
-        row[STATE] = self.state
+        row[STATE], row[NAMES] = self.state, self.names
         try:
             if not self.urls:
                 row[CONTENT] = files_sha256(self.files)
@@ -191,6 +200,7 @@ _COLUMNS = (
     "error",
     *_OF_EACH,
     CALIBRATION,
+    NAMES,
     CONTENT,
     STATE,
 )

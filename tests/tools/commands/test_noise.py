@@ -1,8 +1,10 @@
 """`probewatch noise` on recorded simulated sessions, as a technician asks it."""
 
 import hashlib
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
@@ -10,12 +12,16 @@ from appliance.configuration.config import load_config
 from appliance.configuration.noise_file import read_noise
 from appliance.core.estimator_settings import EstimatorSettings
 from appliance.limits import NAMED_NATS
-from appliance.storage.calibration_file import calibration_from_image_to_probe
+from appliance.storage.calibration_file import calibration_from_image_to_probe, write_calibration
+from appliance.types import Calibration
 from drivers.errors import ProbewatchError
+from drivers.recordings.metaimage import write_metaimage
+from drivers.samples import Frame, Stamp
 from drivers.twins.faults import Schedule
 from drivers.twins.scene.world import WorldSettings
 from tests.appliance.configuration.test_config import GOOD, written
 from tests.support.black_boxes import record
+from tests.support.recordings import items, picture
 from tests.support.sessions import SWEPT, kept, session
 from tools.commands import noise
 from tools.commands.noise import command
@@ -108,3 +114,28 @@ def test_what_is_no_recording_is_refused(tmp_path: Path) -> None:
     result = learn(tmp_path / "notes.mcap", "--output", tmp_path / "noise.toml")
     assert result.exit_code != 0
     assert not (tmp_path / "noise.toml").exists()
+
+
+def test_a_sequence_whose_tools_have_other_names_is_learned_from_as_replay_reads_it(tmp_path: Path) -> None:
+    """It was refused, with a remedy that only replay had."""
+    size_px = (48, 32)
+    scan, probe = tmp_path / "scan.igs.mha", tmp_path / "probe.toml"
+    stylus = [
+        replace(one, transforms={"StylusToTracker": one.transforms["ProbeToTracker"]}) for one in items(6, size_px)
+    ]
+    write_metaimage(scan, stylus, size_px)
+    write_calibration(probe, Calibration(np.eye(3), (1, 1), np.array([0.2, 0.2]), np.zeros(3), size_px), {})
+    given = (scan, "--calibration", probe, "--output", tmp_path / "noise.toml")
+    assert "--probe Stylus" in refused(*given)
+    assert "are too little" in refused(*given, "--probe", "Stylus", "--reference", "Tracker", "--orientation", "MF")
+    assert "'XX' is not M or U" in refused(*given, "--probe", "Stylus", "--orientation", "XX")
+
+
+@pytest.mark.parametrize("option", ["--probe", "--reference", "--orientation"])
+def test_an_option_for_sequences_without_any_is_refused(tmp_path: Path, option: str) -> None:
+    size_px = (48, 32)
+    reference = Calibration(np.eye(3), (1, 1), np.array([0.2, 0.2]), np.zeros(3), size_px)
+    frames = [Frame(Stamp(n * 100_000_000, 0), n, picture(n, size_px)) for n in range(3)]
+    record(tmp_path / "a.mcap", EstimatorSettings(1, reference, SWEPT, 500_000_000), frames)
+    result = learn(tmp_path / "a.mcap", "--output", tmp_path / "noise.toml", option, "Stylus")
+    assert (result.exit_code, f"{option} is for sequences" in result.output) == (2, True), result.output

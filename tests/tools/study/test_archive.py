@@ -189,6 +189,23 @@ def test_a_row_is_not_kept_for_a_recording_that_has_changed_under_its_name(
     assert rows_of(tmp_path / "out") == [row]
 
 
+def test_names_of_tools_are_taken_as_replay_takes_them(recording: Path, calibration: Path, tmp_path: Path) -> None:
+    """The row said to give --probe, which only replay took."""
+    stylus = [
+        replace(one, transforms={"StylusToTracker": one.transforms["ProbeToTracker"]}) for one in items(20, SIZE_PX)
+    ]
+    write_metaimage(recording, stylus, SIZE_PX)
+    given = recording, "--calibration", calibration, "--jobs", 1, "--output"
+    named = "--probe", "Stylus", "--orientation", "MF"
+    assert study(*given, tmp_path / "usual").exit_code == 0
+    assert "--probe Stylus" in rows_of(tmp_path / "usual")[0]["error"]
+    assert study(*given, tmp_path / "out", *named).exit_code == 0
+    (row,) = rows_of(tmp_path / "out")
+    assert (row["error"], row["paired"], row["names"]) == ("", "20", "probe=Stylus orientation=MF")
+    assert "with probe=Stylus orientation=MF, now the usual ones" in str(study(*given, tmp_path / "out").exception)
+    assert "--probe is of RECORDINGs" in study("--probe", "Stylus", "--output", tmp_path / "none").output
+
+
 def test_a_row_is_not_kept_where_another_file_of_the_recording_has_changed(
     recording: Path, calibration: Path, store: str
 ) -> None:
