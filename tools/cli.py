@@ -1,16 +1,27 @@
 """The `probewatch` command: finds the subcommand, and turns every known refusal into one line and an exit code."""
 
+import errno
 import os
 import sys
 
 import click
 
-from drivers.errors import EXHAUSTED, ProbewatchError
+from drivers.errors import EXHAUSTED, ConfigurationError, ProbewatchError
 from tools.shared.bare_option import with_what_it_takes
 from tools.shared.lazy_group import LazyGroup
 from tools.shared.plain_text import speak_plainly
 from tools.shared.terminal import guard_terminal
 
+_REFUSED = {
+    **dict.fromkeys(
+        (errno.EACCES, errno.EPERM), "Check its rights and those of its folder, or be the user whose it is"
+    ),
+    errno.EROFS: "Name a file on a disk that may be written to",
+    **dict.fromkeys((errno.ENOSPC, errno.EDQUOT), "Make room on its disk, or name a file on another one"),
+    **dict.fromkeys((errno.EIO, errno.ESTALE), "Check its disk or its network"),
+    **dict.fromkeys((errno.ENAMETOOLONG, errno.ELOOP, errno.ENOTDIR), "Check the path"),
+}
+"""What the system answers of a file that a command did not expect → what to do."""
 _COMMANDS = {
     "ack": "acknowledge the alarm",
     "calibration": "the reference in force and its history; compare, go back",
@@ -88,10 +99,7 @@ def main() -> None:
         error.show()
         sys.exit(error.exit_code)
     except OSError as error:
-        if error.errno not in EXHAUSTED:
-            raise
-        click.echo(f"probewatch: this computer has no room for it ({error.strerror}); see what else runs", err=True)
-        sys.exit(os.EX_OSERR)
+        _end_refused(error)
     except ImportError as error:
         if not str(error).startswith(CORE_UNUSABLE):
             raise
@@ -100,3 +108,15 @@ def main() -> None:
     except click.Abort as error:
         click.echo(f"probewatch: {': '.join(['stopped', *map(str, error.args)])}", err=True)
         sys.exit(130)
+
+
+def _end_refused(error: OSError) -> None:
+    """Ends with one line for what the system refuses; raises what is no refusal, which is a defect of a command."""
+    if error.errno in EXHAUSTED:
+        click.echo(f"probewatch: this computer has no room for it ({error.strerror}); see what else runs", err=True)
+        sys.exit(os.EX_OSERR)
+    if error.errno not in _REFUSED or error.filename is None:
+        raise error
+    told = ConfigurationError(str(error.strerror), str(error.filename), _REFUSED[error.errno])
+    click.echo(f"probewatch: {told}", err=True)
+    sys.exit(told.exit_code)

@@ -2,9 +2,11 @@
 
 import errno
 import os
+import pwd
+import stat
 import tempfile
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
@@ -98,10 +100,46 @@ def check_writable(path: Path | None) -> None:
         return
     try:
         refuse_irregular(path)
-        if not os.access(path.absolute().parent, os.W_OK | os.X_OK):
-            raise OSError(errno.EACCES, "its folder does not exist, or may not be written to")
+        _refuse_folder(path.absolute().parent)
+        if _is_of_another(path):
+            raise OSError(errno.EPERM, "it is another user's, in a folder in which only that one may replace it")
     except OSError as error:
         raise _not_written(path, error) from error
+
+
+def check_folder_writable(folder: Path) -> None:
+    """Whether files can be made in the folder. Raises ConfigurationError."""
+    try:
+        _refuse_folder(folder)
+    except OSError as error:
+        remedy = "Name a folder that you may write to"
+        raise ConfigurationError(f"cannot be written to: {error.strerror}", str(folder), remedy) from error
+
+
+def _refuse_folder(folder: Path) -> None:
+    """Raises OSError that says which of the reasons it is that nothing can be written there."""
+    if not folder.exists():
+        raise OSError(errno.ENOENT, f"there is no folder {folder}")
+    if not folder.is_dir():
+        raise OSError(errno.ENOTDIR, f"{folder} is no folder")
+    if not os.access(folder, os.W_OK | os.X_OK):
+        why = "its disk is read-only" if os.statvfs(folder).f_flag & os.ST_RDONLY else f"{_user()} may not write there"
+        raise OSError(errno.EACCES, f"{why}, in {folder}")
+
+
+def _is_of_another(path: Path) -> bool:
+    """Whether a sticky folder, such as /tmp, keeps this user from replacing it."""
+    folder = path.absolute().parent.stat()
+    uid = os.geteuid()
+    sticky = folder.st_mode & stat.S_ISVTX and uid not in (0, folder.st_uid)
+    return bool(sticky) and path.exists() and path.stat().st_uid != uid
+
+
+def _user() -> str:
+    uid = os.geteuid()
+    with suppress(KeyError):
+        return f"the user {pwd.getpwuid(uid).pw_name}"
+    return f"the user {uid}"
 
 
 def check_kind(path: Path | None, what: str, *endings: str) -> None:

@@ -8,7 +8,7 @@ from appliance.storage.black_box import Series
 from drivers.errors import RecordingError
 from drivers.files.atomic_file import check_new
 from tools.shared.export import FORMS, export
-from tools.shared.found_recordings import found
+from tools.shared.found_recordings import found, is_there
 
 
 @click.command()
@@ -35,7 +35,7 @@ def command(recordings: tuple[Path, ...], form: str, output: Path | None) -> Non
         raise click.UsageError(f"--output {output.name} does not end in {ending}")
     check_new(output)
     for recording in recordings:
-        if not recording.exists():
+        if not is_there(recording):
             raise RecordingError("is not there", str(recording), "Name a file that probewatch record has written")
     boxes, refused = found(recordings)
     for what in refused:

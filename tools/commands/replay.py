@@ -31,7 +31,7 @@ from tools.report.recording_page import write_recording_page
 from tools.report.trace import Trace
 from tools.shared.digest import with_pictures
 from tools.shared.estimate import write_estimate
-from tools.shared.found_recordings import SUFFIXES, found
+from tools.shared.found_recordings import SUFFIXES, found, is_there
 from tools.shared.json_report import json_option, text_aside
 from tools.shared.point_text import point_text
 from tools.shared.profile_text import profile_text
@@ -288,7 +288,7 @@ def _refuse_report(recordings: tuple[Path, ...]) -> None:
 def _refuse_absent(recordings: tuple[Path, ...]) -> None:
     """Refuses a missing file before any option is required that only another kind of recording needs."""
     for path in recordings:
-        if not path.exists():
+        if not is_there(path):
             beside = (
                 [one.name for one in path.parent.iterdir() if one.suffix.lower() in (*SUFFIXES, *FILM_SUFFIXES)]
                 if path.parent.is_dir()

@@ -10,15 +10,17 @@ from pathlib import Path
 import click
 
 from appliance.configuration.config import Config, load_config
+from appliance.service.control.rights import join_group
 from appliance.storage.reference_dates import Dates, dates_of
-from appliance.storage.reference_store import History, content_of, read_history
+from appliance.storage.reference_store import FOLDER as REFERENCES
+from appliance.storage.reference_store import HISTORY, History, content_of, read_history
 from drivers.errors import ConfigurationError
 from drivers.files.atomic_file import PAGE_BEGINS, check_replaceable
 from tools.report.pdf import check_pdf, write_pdf
 from tools.report.period import PERIODS, Period, Summary, last_period, period, summary
 from tools.report.period_page import write_period_page
 from tools.selftest.records import read_self_tests
-from tools.shared.alarm_history import settled_log
+from tools.shared.alarm_history import refuse_unreadable, settled_log
 from tools.shared.calendar_option import DAY
 from tools.shared.named_cart import cart_option
 
@@ -72,6 +74,7 @@ def command(config_file: Path, kind: str, day: datetime | None, folder: Path, as
         _check_key(key)
     reading = settled_log(config.alarm.folder)
     self_tests = read_self_tests(config.alarm.folder / _SELF_TESTS)
+    _refuse_unreadable_store(config.alarm.folder / REFERENCES / HISTORY)
     history, store_fault = _history(config)
     found = summary(wanted, reading, self_tests.kept, now, () if history is None else history.entries)
     found.store_fault = store_fault
@@ -107,6 +110,14 @@ def _chosen(wanted: Period, found: Summary, by_itself: bool) -> str:
         since = f"{found.begins:%Y-%m-%d}"
         return f"{chosen}. The alarm log begins after it, on {since}: --of {since} reports that {wanted.kind}"
     return chosen
+
+
+def _refuse_unreadable_store(file: Path) -> None:
+    """Refuses a store that this user may not read: a report to be filed must not call it damaged."""
+    try:
+        refuse_unreadable(file)
+    except PermissionError as error:
+        raise ConfigurationError(f"cannot be read ({error.strerror})", str(file), join_group(file)) from None
 
 
 def _history(config: Config) -> tuple[History | None, str]:

@@ -16,7 +16,7 @@ from drivers.errors import ConfigurationError, DeviceLost, RecordingError
 from drivers.files.atomic_file import check_kind
 from drivers.twins.scene.breathing import DIRECTIONS
 from drivers.twins.scene.surroundings import described, surroundings
-from tools.shared.found_recordings import found
+from tools.shared.found_recordings import found, is_there
 from tools.shared.tables import NOTHING, FittingTable
 from tools.shared.terminal import progress_bar
 from tools.shared.without_effect import refuse_typed
@@ -242,7 +242,7 @@ def _refuse_without_effect(recordings: tuple[str, ...], of_recordings: Mapping[s
     if not recordings and given:
         raise click.UsageError(f"{given[0]} is of RECORDINGs; simulated sessions have their own")
     for name in recordings:
-        if not is_url(name) and not Path(name).exists():
+        if not is_url(name) and not is_there(Path(name)):
             raise RecordingError("cannot be read: No such file or directory", name, "Check its name and its folder")
     if recordings:
         refuse_typed(_SIMULATED_ALONE, "RECORDINGs")
@@ -324,7 +324,7 @@ def _refuse_other_calibration(archive: list[ArchiveTask], table: StudyTable) -> 
 
 
 def _refuse_changed(archive: list[ArchiveTask], table: StudyTable) -> None:
-    """Refuses a table that has one of the recordings as it is not any more, or with other names: its row would be kept."""
+    """Refuses a table with a row of other content, or of other names of tools: it would be kept."""
     by = {row["recording"]: row for row in table.rows}
     for task in archive:
         kept = by.get(str(task.recording))

@@ -1,9 +1,11 @@
 """Reads the alarm log while the service may be writing to it."""
 
+import errno
+import os
 from pathlib import Path
 
 from appliance.service.control.rights import join_group
-from appliance.storage.alarm_chain import Reading, read_log
+from appliance.storage.alarm_chain import MEMORY, Reading, read_log, segments
 from drivers.errors import ConfigurationError
 
 _LOOKS = 3
@@ -16,16 +18,25 @@ def settled_log(folder: Path) -> Reading:
     """
     try:
         if folder.is_dir():
+            refuse_unreadable(*segments(folder), folder / MEMORY)
             reading = _settled(folder)
             if reading.entries or reading.damages:
                 return reading
             remedy = "Name [alarm] folder of the configuration; a service that was started once has written there"
             raise ConfigurationError("holds no alarm log", str(folder), remedy)
     except OSError as error:
-        remedy = join_group(folder) if isinstance(error, PermissionError) else "Check its disk"
-        raise ConfigurationError(f"cannot be read ({error.strerror})", str(folder), remedy) from None
+        remedy = join_group(Path(error.filename or folder)) if isinstance(error, PermissionError) else "Check its disk"
+        where = str(error.filename or folder)
+        raise ConfigurationError(f"cannot be read ({error.strerror})", where, remedy) from None
     what = "is not a folder" if folder.exists() else "there is no such folder, so no service has run here"
     raise ConfigurationError(what, str(folder), "Name [alarm] folder of the service's configuration")
+
+
+def refuse_unreadable(*files: Path) -> None:
+    """Raises PermissionError for one that this user may not read: that is no damage. A missing one is none either."""
+    for file in files:
+        if file.exists() and not os.access(file, os.R_OK):
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(file))
 
 
 def _settled(folder: Path) -> Reading:

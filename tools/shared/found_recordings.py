@@ -1,6 +1,8 @@
 """Finds the recordings that arguments name: files, folders, and the files of a recorder."""
 
-from collections.abc import Iterator, Sequence
+import errno
+import os
+from collections.abc import Sequence
 from pathlib import Path
 
 from appliance.storage.black_box import BlackBox, Series, series_of
@@ -21,7 +23,8 @@ def found(paths: Sequence[Path]) -> tuple[list[Path | Series], list[str]]:
     boxes: list[BlackBox] = []
     refused: list[str] = []
     for path in paths:
-        for file in _files(path) if path.is_dir() else (path,):
+        files = _files(path, refused) if path.is_dir() else [path]
+        for file in files:
             try:
                 if is_box(file):
                     boxes.append(BlackBox(file))
@@ -34,12 +37,32 @@ def found(paths: Sequence[Path]) -> tuple[list[Path | Series], list[str]]:
     return [*sequences, *series_of(boxes)], refused
 
 
-def _files(folder: Path) -> Iterator[Path]:
-    files = sorted(path for path in folder.rglob("*") if path.suffix.lower() in SUFFIXES and not path.is_dir())
+def _files(folder: Path, refused: list[str]) -> list[Path]:
+    """Returns the recordings in the folder; adds those folders in it that cannot be looked into to `refused`."""
+    unread: list[OSError] = []
+    there = (Path(at, name) for at, _, names in os.walk(folder, onerror=unread.append) for name in names)
+    files = sorted(path for path in there if path.suffix.lower() in SUFFIXES)
+    told = [f"{error.filename}: cannot be looked into: {error.strerror}" for error in unread]
+    if unread and not files:
+        what, remedy = f"cannot be looked into: {unread[0].strerror}", "Check its rights, or be the user whose it is"
+        raise ConfigurationError(what, str(unread[0].filename), remedy)
+    refused += told
     if not files:
         remedy = f"It looks for {', '.join(SUFFIXES)}; name a film or another file itself"
         raise ConfigurationError("holds no recordings", str(folder), remedy)
-    return iter(files)
+    return files
+
+
+def is_there(path: Path) -> bool:
+    """Whether something has this name. Raises RecordingError where this user may not look, or not read it."""
+    try:
+        if not path.exists():
+            return False
+        if not os.access(path, os.R_OK):
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+    except OSError as error:
+        raise RecordingError(f"cannot be read: {error.strerror}", str(path), "Check the path and its rights") from None
+    return True
 
 
 def is_box(path: Path) -> bool:

@@ -28,6 +28,7 @@ class LazyGroup(click.Group):
         command = importlib.import_module(f"{self._prefix}{cmd_name.replace('-', '_')}").command
         assert isinstance(command, click.Command)
         command.short_help = self._names[cmd_name]
+        _let_readers_tell(command)
         return command
 
     def resolve_command(
@@ -44,6 +45,18 @@ class LazyGroup(click.Group):
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section(self._heading):
             formatter.write_dl(sorted(self._names.items()))
+
+
+def _let_readers_tell(command: click.Command) -> None:
+    """Click looks by itself whether a file may be read, and says "is not readable" with the usage and without a remedy;
+    who reads or replaces the file says which it is and what to do.
+    """
+    for parameter in command.params:
+        if isinstance(parameter.type, click.Path):
+            parameter.type.readable = False
+    for below in command.commands.values() if isinstance(command, click.Group) else ():
+        if below is not command:
+            _let_readers_tell(below)
 
 
 def _refuse_swallowed(ctx: click.Context, command: click.Command | None, words: list[str]) -> None:

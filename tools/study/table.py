@@ -12,6 +12,7 @@ from pathlib import Path
 import appliance
 import drivers
 from drivers.errors import ConfigurationError
+from drivers.files.atomic_file import check_folder_writable
 
 INSTALL = "Install it, in the project's folder: .venv/bin/pip install '.[study]'"
 """What to do where a package is missing that a cart does not need; probewatch is on no index, so it has a path."""
@@ -52,8 +53,13 @@ class StudyTable:
         self._origin = {CODE: code_digest(), COMMIT: commit()}
         self._columns: list[str] = []
         self.rows: list[dict[str, str]] = []
-        if path.exists():
-            self._read()
+        check_folder_writable(path.parent)
+        try:
+            if path.exists():
+                path.open("r+b").close()
+                self._read()
+        except OSError as error:
+            raise self._refusal(f"cannot be written to: {error.strerror}") from error
 
     @property
     def done(self) -> set[tuple[str, ...]]:
@@ -73,10 +79,14 @@ class StudyTable:
                 writer.writeheader()
             writer.writerow(whole)
             self.rows.append(whole)
-        with self.path.open("a", encoding="utf-8", newline="") as stream:
-            stream.write(text.getvalue())
-            stream.flush()
-            os.fsync(stream.fileno())
+        try:
+            with self.path.open("a", encoding="utf-8", newline="") as stream:
+                stream.write(text.getvalue())
+                stream.flush()
+                os.fsync(stream.fileno())
+        except OSError as error:
+            what, remedy = f"cannot be written: {error.strerror}", "Make room or check the rights, and start it again"
+            raise ConfigurationError(what, str(self.path), f"{remedy}: what is done stays") from error
 
     def _read(self) -> None:
         whole = self.path.read_bytes()
