@@ -1,28 +1,22 @@
 """`probewatch trend`: shows how the calibration drifts, from what the service logged over days."""
 
 import sys
-from collections import defaultdict
-from datetime import datetime
-from math import inf, isfinite
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
 import click
 from rich.console import Console
 
-from appliance.core.parameters import MEASURED, QUANTITIES, class_of
-from appliance.core.quality.trend import Estimate, Trend, trend
-from appliance.storage.alarm_chain import Entry, Event
+from appliance.core.quality.trend import Trend
+from appliance.storage.alarm_chain import Entry
 from tools.report.page import check_page
 from tools.report.trend_page import write_trend_page
 from tools.shared.alarm_history import settled_log
 from tools.shared.json_report import json_of, json_option
 from tools.shared.named_cart import folder_argument
-from tools.shared.tables import NOTHING, FittingTable
-
-_HEADINGS = ("parameter", "estimates", "now", "limit", "since the first", "per day", "reaches the limit", "is")
-_FAR_DAYS = 3650
-"""Ten years: a day later than that says nothing to anybody."""
+from tools.shared.tables import FittingTable
+from tools.shared.trend_table import HEADINGS, references_of, row_of, trends, unit_of
 
 
 @click.command()
@@ -52,16 +46,16 @@ def command(folder: Path, reference: int | None, html_path: Path | None, as_json
     entries = reading.entries
     number = reference if reference is not None else _latest(entries)
     found = {} if number is None else trends(entries, number)
-    rows = [_row(*one) for one in found.items()]
+    rows = [row_of(*one) for one in found.items()]
     if as_json:
         click.echo(json_of({"reference": number, "parameters": [_fields(*one) for one in found.items()]}))
     elif found:
         styles = ["yellow" if one.moving or one.near else "" for one in found.values()]
-        Console(highlight=False).print(FittingTable(_HEADINGS, rows, styles, right_from=1), crop=False)
+        Console(highlight=False).print(FittingTable(HEADINGS, rows, styles, right_from=1), crop=False)
     else:
-        click.echo(_nothing(folder, number, _references(entries)))
+        click.echo(_nothing(folder, number, references_of(entries)))
     if html_path is not None:
-        write_trend_page(html_path, number, found, {name: unit_of(name) for name in found}, _HEADINGS, rows)
+        write_trend_page(html_path, number, found, {name: unit_of(name) for name in found}, HEADINGS, rows)
         click.echo(f"written: {html_path}", err=as_json)
     if reading.broken:
         what = (
@@ -71,45 +65,8 @@ def command(folder: Path, reference: int | None, html_path: Path | None, as_json
     sys.exit(65 if reading.broken else _code(found))
 
 
-def trends(entries: tuple[Entry, ...], reference: int) -> dict[str, Trend]:
-    """Returns the trend of each parameter by name, from the estimates under that reference."""
-    known = defaultdict[str, list[Estimate]](list)
-    limits = dict[str, float]()
-    for entry in entries:
-        if entry.event == Event.ESTIMATE and entry.data.get("reference") == reference:
-            utc_s = datetime.fromisoformat(entry.utc).timestamp()
-            for name, (value, sigma, limit) in _figures(entry.data.get("checks")).items():
-                known[name].append(Estimate(utc_s, value, sigma))
-                limits[name] = limit
-    return {name: trend(estimates, limits[name]) for name, estimates in known.items()}
-
-
-def _figures(checks: object) -> dict[str, list[float]]:
-    """Returns the known parameters; fields of other versions are left out."""
-    rows = checks if isinstance(checks, dict) else {}
-    return {
-        name: row
-        for name, row in rows.items()
-        if name in MEASURED
-        and isinstance(row, list)
-        and [type(one) in (int, float) for one in row] == [True] * 3
-        and row[2] > 0
-    }
-
-
-def unit_of(name: str) -> str:
-    """Returns the unit of a parameter's estimates."""
-    return QUANTITIES[class_of(name)].unit
-
-
 def _latest(entries: tuple[Entry, ...]) -> int | None:
-    return next(reversed(_references(entries)), None)
-
-
-def _references(entries: tuple[Entry, ...]) -> list[int]:
-    """Returns the references that have estimates, the latest last."""
-    numbers = (entry.data.get("reference") for entry in reversed(entries) if entry.event == Event.ESTIMATE)
-    return list(dict.fromkeys(number for number in numbers if isinstance(number, int)))[::-1]
+    return next(reversed(references_of(entries)), None)
 
 
 def _nothing(folder: Path, number: int | None, others: list[int]) -> str:
@@ -123,33 +80,6 @@ def _code(found: dict[str, Trend]) -> int:
     if any(one.moving or one.near for one in found.values()):
         return 1
     return 0 if any(isfinite(one.high[-1]) for one in found.values()) else 3
-
-
-def state_of(one: Trend) -> str:
-    """Returns the state of a trend in a word."""
-    if one.near:
-        return "near its limit"
-    if one.moving:
-        return "moving"
-    return "steady" if isfinite(one.high[-1]) else "not known yet"
-
-
-def _row(name: str, one: Trend) -> tuple[str, ...]:
-    unit, mean = unit_of(name), float(one.mean[-1])
-    base = float(one.mean[-1] - (one.low[-1] + one.high[-1]) / 2) if isfinite(one.high[-1]) else inf
-    since = f"{base:+.2f} {unit}" if isfinite(base) else NOTHING
-    day = f"{one.per_day:+.3f} ± {one.per_day_sigma:.3f}" if isfinite(one.per_day_sigma) else NOTHING
-    left = f"in {one.days_left:.0f} days" if one.days_left < _FAR_DAYS else NOTHING
-    return (
-        name,
-        str(len(one.estimates)),
-        f"{mean:+.2f} {unit}",
-        f"{one.limit:g} {unit}",
-        since,
-        day,
-        left,
-        state_of(one),
-    )
 
 
 def _fields(name: str, one: Trend) -> dict[str, Any]:

@@ -31,9 +31,14 @@ class Period:
     end: datetime
 
     @property
-    def days(self) -> list[datetime]:
-        """The beginning of each."""
-        return [self.start + timedelta(days=number) for number in range((self.end - self.start).days)]
+    def part(self) -> timedelta:
+        """Length of what is drawn by itself: hours of a day, days of a longer period."""
+        return timedelta(hours=1) if self.kind == "day" else timedelta(days=1)
+
+    @property
+    def parts(self) -> int:
+        """How many of them there are."""
+        return (self.end - self.start) // self.part
 
 
 def period(kind: str, day: datetime) -> Period:
@@ -55,8 +60,9 @@ def last_period(kind: str, now: datetime) -> Period:
 
 @dataclass(frozen=True, slots=True)
 class Alarm:
-    """One time of alarm, from the first state that is one to the first that is none. worst: the last of them. ended:
-    False where it went on when the period ended, or when the report was made.
+    """One time of alarm, from the first state that is one to the first that is none. worst: the last of them; fault,
+    reason: of that one. named: (fault, seconds) of all that were named meanwhile, in their order. ended: False where it
+    went on when the period ended, or when the report was made.
     """
 
     begun: datetime
@@ -65,6 +71,18 @@ class Alarm:
     fault: str
     reason: str
     ended: bool
+    named: tuple[tuple[str, float], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Overload:
+    """A time in which this computer was overloaded. unlogged: changes of the state that have no entry each, so what was
+    in force then is known only in part; None while it lasts.
+    """
+
+    begun: datetime
+    lasted_s: float
+    unlogged: int | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,22 +95,25 @@ class InForce:
 
 @dataclass
 class Summary:
-    """made: when the report was. shares_s: state → seconds. by_day: the same for each day, in order. requests: what was
-    asked, how often.
+    """made: when the report was. shares_s: state → seconds. by_part: the same for each day, of a day for each
+    hour, in order. requests: what was asked, how often.
 
     software, limits: (UTC, what was in force from then on).
 
     in_force: references that were in force at some time of it, by the store, oldest first; a cart's first one comes in
     force without a word in the log. begins: first entry of the log, None without one. damages: of the whole log, in
     words; torn: writes that a power cut tore; chains: how often it was begun again. self_tests: as they were kept,
-    oldest first. store_fault: why nothing can be said of the references; empty where it can.
+    oldest first. estimates: what motion showed of the calibration until the end. store_fault: why nothing can be said
+    of the references; empty where it can.
     """
 
     period: Period
     made: datetime
     shares_s: Shares = field(default_factory=lambda: defaultdict(float))
-    by_day: list[Shares] = field(default_factory=list)
+    by_part: list[Shares] = field(default_factory=list)
     alarms: list[Alarm] = field(default_factory=list)
+    overloads: list[Overload] = field(default_factory=list)
+    estimates: list[Entry] = field(default_factory=list)
     requests: Counter[str] = field(default_factory=Counter)
     references: list[Entry] = field(default_factory=list)
     in_force: list[InForce] = field(default_factory=list)
@@ -142,7 +163,7 @@ def summary(
     history: Sequence[Reference] = (),
 ) -> Summary:
     """now: the present; what lies after it is not counted."""
-    found = Summary(wanted, now, by_day=[defaultdict(float) for _ in wanted.days])
+    found = Summary(wanted, now, by_part=[defaultdict(float) for _ in range(wanted.parts)])
     end = found.until
     spells = list(_spells(reading.entries, end))
     for from_, until, entry in spells:
@@ -156,6 +177,8 @@ def summary(
             found.limits = [(entry.utc, _limits(entry))]
         elif wanted.start <= at < end:
             _note(found, entry)
+    found.overloads = [one for one in _overloads(reading.entries, end) if _meets(one, wanted.start, end)]
+    found.estimates = [entry for entry in reading.entries if entry.event == Event.ESTIMATE and _time(entry) < end]
     found.in_force = [one for one in _in_force(history) if _overlaps(one, wanted.start, end)]
     found.begins = _time(reading.entries[0]) if reading.entries else None
     found.damages = [str(damage) for damage in reading.broken]
@@ -181,6 +204,27 @@ def _within(alarm: Alarm, start: datetime, end: datetime) -> bool:
     return alarm.begun < end and (alarm.begun >= start or ends > start)
 
 
+def _meets(one: Overload, start: datetime, end: datetime) -> bool:
+    return one.begun < end and one.begun + timedelta(seconds=one.lasted_s) >= start
+
+
+def _overloads(entries: Sequence[Entry], end: datetime) -> Iterator[Overload]:
+    """Those in the log; the last one lasts until `end` where nothing ended it."""
+    begun: datetime | None = None
+    for entry in entries:
+        if entry.event == Event.OVERLOADED:
+            begun = begun or _time(entry)
+        elif entry.event in (Event.OVERLOAD_ENDED, Event.STOPPED, Event.STARTED) and begun is not None:
+            repeated = entry.data.get("repeated")
+            times = repeated.values() if isinstance(repeated, dict) else ()
+            unlogged = sum(number for number in times if isinstance(number, int))
+            told = unlogged if entry.event == Event.OVERLOAD_ENDED else None
+            yield Overload(begun, max((_time(entry) - begun).total_seconds(), 0.0), told)
+            begun = None
+    if begun is not None and begun < end:
+        yield Overload(begun, (end - begun).total_seconds(), None)
+
+
 _Spell = tuple[datetime, datetime, Entry | None]
 """From, until, the entry of the state in force; None while the service did not run."""
 
@@ -203,30 +247,34 @@ def _spells(entries: Sequence[Entry], end: datetime) -> Iterator[_Spell]:
 def _count(found: Summary, entry: Entry | None, from_: datetime, until: datetime) -> None:
     state = OFF if entry is None else str(entry.data.get("state"))
     while from_ < until:
-        day = (from_ - found.period.start).days
-        here = min(until, found.period.start + timedelta(days=day + 1))
+        part = (from_ - found.period.start) // found.period.part
+        here = min(until, found.period.start + (part + 1) * found.period.part)
         seconds = (here - from_).total_seconds()
         found.shares_s[state] += seconds
-        found.by_day[day][state] += seconds
+        found.by_part[part][state] += seconds
         from_ = here
 
 
 def _alarms(spells: Sequence[_Spell]) -> Iterator[Alarm]:
-    begun: datetime | None = None
-    last: Entry | None = None
-    for from_, _, entry in spells:
+    within: list[tuple[datetime, datetime, Entry]] = []
+    for from_, until, entry in spells:
         if entry is not None and entry.data.get("state") in _ALARMS:
-            begun, last = begun or from_, entry
-        elif begun is not None and last is not None:
-            yield _alarm(begun, from_, last, True)
-            begun = None
-    if begun is not None and last is not None:
-        yield _alarm(begun, spells[-1][1], last, False)
+            within.append((from_, until, entry))
+        elif within:
+            yield _alarm(within, from_, True)
+            within = []
+    if within:
+        yield _alarm(within, spells[-1][1], False)
 
 
-def _alarm(begun: datetime, until: datetime, last: Entry, ended: bool) -> Alarm:
-    fault, reason = last.data.get("fault") or "", str(last.data.get("reason", ""))
-    return Alarm(begun, (until - begun).total_seconds(), str(last.data.get("state")), str(fault), reason, ended)
+def _alarm(within: Sequence[tuple[datetime, datetime, Entry]], until: datetime, ended: bool) -> Alarm:
+    begun, last = within[0][0], within[-1][2]
+    named: dict[str, float] = {}
+    for from_, to, entry in within:
+        fault = str(entry.data.get("fault") or "")
+        named[fault] = named.get(fault, 0.0) + (to - from_).total_seconds()
+    state, fault, reason = (str(last.data.get(name) or "") for name in ("state", "fault", "reason"))
+    return Alarm(begun, (until - begun).total_seconds(), state, fault, reason, ended, tuple(named.items()))
 
 
 def _note(found: Summary, entry: Entry) -> None:
@@ -260,8 +308,9 @@ def _utc(said: str) -> datetime:
 
 
 def per_fault(alarms: Iterable[Alarm]) -> list[tuple[str, int, float]]:
-    """(fault, how often, seconds in all), most often first."""
+    """(fault, in how many alarms, seconds in all), most often first; one alarm may have several in turn."""
     times: dict[str, list[float]] = defaultdict(list)
     for alarm in alarms:
-        times[alarm.fault or "–"].append(alarm.lasted_s)
+        for name, lasted_s in alarm.named:
+            times[name or "–"].append(lasted_s)
     return sorted(((name, len(all_s), sum(all_s)) for name, all_s in times.items()), key=lambda row: -row[1])

@@ -1,15 +1,17 @@
 """The page of a period."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from math import isfinite
 from pathlib import Path
 
+from appliance.core.quality.trend import Trend
 from appliance.storage.reference_dates import Dates
 from appliance.types import State
 from tools.report.page import section, table, text, write_page
 from tools.report.period import OFF, Alarm, InForce, Summary, per_fault, share
 from tools.report.svg import Plot
+from tools.shared.trend_table import HEADINGS, references_of, row_of, trends
 
 _MOST_ALARMS = 200
 """Listed one by one; the rest is counted and in the log."""
@@ -19,6 +21,16 @@ _MINUTES_FROM_S, _HOURS_FROM_S = 120, 2 * 3600
 """From which duration on minutes and hours tell it well enough, s."""
 _MOST_DAMAGES = 5
 """Listed one by one, at the top; `probewatch log --verify` lists all."""
+_AXIS = {
+    "day": "hour of the day, UTC",
+    "week": "day of the week, 1 is Monday",
+    "month": "day of the month",
+}
+"""Period → what stands under its plots."""
+_EDGE = 0.1
+"""Left free on either side of a bar, of its width."""
+_SEEN = 1.0
+"""Least height of a bar, %: the service ran, and verified nothing; without any it did not run."""
 _STACK = (
     (State.MONITORING.value, "good"),
     (State.NOT_VERIFIED.value, "wait"),
@@ -51,6 +63,7 @@ def write_period_page(
         section("Verification", _verification(found)),
         section("Alarms", _alarms(found)),
         section("Calibrations", _references(found, dates)),
+        section("Trend", _trend(found)),
         section("Self-tests", _self_tests(found)),
         section("Software and limits", _software(found)),
         section("The log itself", _log(found)),
@@ -74,9 +87,24 @@ def _warnings(found: Summary, dates: Dates | None, test_faults: Sequence[str]) -
         told.append(text(f"The check of the calibration in force is OVERDUE: {overdue}.", "bad"))
     if test_faults:
         told.append(text(f"Records of self-tests are not as they were kept: {_first(test_faults)}.", "bad"))
+    if found.overloads:
+        told.append(text(_overloaded(found), "warn"))
     if found.so_far:
         told.append(text(f"The {found.period.kind} is not over: this is what happened so far.", "warn"))
     return told
+
+
+def _overloaded(found: Summary) -> str:
+    """What is not known because the log has no entry for each change of a time of overload."""
+    long = _duration(sum(one.lasted_s for one in found.overloads))
+    unlogged = sum(one.unlogged or 0 for one in found.overloads)
+    known = f"{unlogged} changes of the state have no entry of their own"
+    if any(one.unlogged is None for one in found.overloads):
+        known = f"at least {known}"
+    return (
+        f"This computer was overloaded {_times(len(found.overloads))}, for {long} in all. Meanwhile {known}: "
+        "times in each state and of each fault are known only in part."
+    )
 
 
 def _times(number: int) -> str:
@@ -121,30 +149,35 @@ def _hours(seconds: float) -> str:
 
 
 def _verification(found: Summary) -> str:
-    days = len(found.by_day)
-    axis = f"day of the {found.period.kind}"
-    plot = Plot((0.5, days + 0.5), (0, 24), axis, "h")
-    for number, shares_s in enumerate(found.by_day, 1):
-        low = 0.0
+    by_hours = found.period.kind == "day"
+    unit, per_unit_s, most, what = ("min", 60, 60, "hour by hour") if by_hours else ("h", 3600, 24, "day by day")
+    axis = _AXIS[found.period.kind]
+    across = (0.0, len(found.by_part)) if by_hours else (0.5, len(found.by_part) + 0.5)
+    plot = Plot(across, (0, most), axis, unit)
+    coverage = Plot(across, (0, 100), axis, "% verified", height=150)
+    for number, shares_s in enumerate(found.by_part):
+        left = number + _EDGE if by_hours else number + 0.5 + _EDGE
+        right, low = left + 1 - 2 * _EDGE, 0.0
         for state, kind in _STACK:
-            hours = shares_s[state] / 3600
-            if hours > 0:
-                plot.block(number - 0.4, number + 0.4, low, low + hours, kind, f"{state}: {hours:.1f} h")
-                low += hours
-    coverage = Plot((0.5, days + 0.5), (0, 100), axis, "% verified", height=150)
-    coverage.line(range(1, days + 1), [100 * share(shares_s) for shares_s in found.by_day], "a")
+            long = shares_s[state] / per_unit_s
+            if long > 0:
+                plot.block(left, right, low, low + long, kind, f"{state}: {long:.1f} {unit}")
+                low += long
+        verified = 100 * share(shares_s)
+        if isfinite(verified):
+            coverage.block(left, right, 0, max(verified, _SEEN), "a", f"{verified:.1f} % verified")
     rows = [
         (state, _duration(seconds), "" if state == OFF else _percent(seconds / found.on_s))
         for state, seconds in sorted(found.shares_s.items(), key=lambda share_s: -share_s[1])
     ]
-    verified = f"the calibration was verified in {_percent(found.verified)} of it"
+    told = f"the calibration was verified in {_percent(found.verified)} of it"
     if not found.on_s:
         return text("The service did not run: of this cart nothing was verified.", "bad")
     return (
-        text(f"The service ran for {_duration(found.on_s)}; {verified}.")
-        + plot.svg("hours in each state, day by day")
+        text(f"The service ran for {_duration(found.on_s)}; {told}.")
+        + plot.svg(f"time in each state, {what}")
         + text("Green: monitoring; blue: not verified; yellow: warning; red: halt, or a device or a part lost.", "note")
-        + coverage.svg("share of the time verified, day by day")
+        + coverage.svg(f"share of the time verified, {what}")
         + table(("state", "time", "of the time on"), rows)
     )
 
@@ -155,7 +188,7 @@ def _alarms(found: Summary) -> str:
     rows = [(name, str(number), _duration(seconds)) for name, number, seconds in per_fault(found.alarms)]
     shown = found.alarms[:_MOST_ALARMS]
     each = [
-        (f"{alarm.begun:%Y-%m-%d %H:%M:%S}", _lasted(alarm), alarm.worst, alarm.fault or "–", alarm.reason)
+        (f"{alarm.begun:%Y-%m-%d %H:%M:%S}", _lasted(alarm), alarm.worst, _faults(alarm), alarm.reason)
         for alarm in shown
     ]
     more = len(found.alarms) - len(shown)
@@ -163,10 +196,14 @@ def _alarms(found: Summary) -> str:
     asked = ", ".join(f"{what} ({_times(number)})" for what, number in found.requests.most_common()) or "nothing"
     return (
         table(("fault", "alarms", "in all"), rows)
-        + table(("begun, UTC", "lasted", "at the end", "fault", "reason"), each)
+        + table(("begun, UTC", "lasted", "at the end", "faults", "reason at the end"), each)
         + rest
         + text(f"People asked: {asked}.")
     )
+
+
+def _faults(alarm: Alarm) -> str:
+    return ", then ".join(name for name, _ in alarm.named if name) or "–"
 
 
 def _lasted(alarm: Alarm) -> str:
@@ -194,6 +231,20 @@ def _references(found: Summary, dates: Dates | None) -> str:
             )
         )
     return held + table(("UTC", "reference", "how", "by", "difference to the one before"), rows) + due
+
+
+def _trend(found: Summary) -> str:
+    """Drift under the reference that the last estimate is of, by all its estimates until the end of the period."""
+    number = next(reversed(references_of(found.estimates)), None)
+    if number is None:
+        return text("The service has noted no estimates: it does so every five minutes while it is verified.")
+    drifts = trends(found.estimates, number)
+    rows = [(*cells[:-1], f"{'!' * (one.moving or one.near)}{cells[-1]}") for cells, one in _drifts(drifts)]
+    return text(f"Of reference {number}, until the end of the period.", "note") + table(HEADINGS, rows)
+
+
+def _drifts(drifts: Mapping[str, Trend]) -> list[tuple[tuple[str, ...], Trend]]:
+    return [(row_of(name, one), one) for name, one in drifts.items()]
 
 
 def _due(found: Summary, dates: Dates | None) -> str:

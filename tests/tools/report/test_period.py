@@ -16,7 +16,7 @@ from appliance.storage.reference_store import Entry, History, sha256_of, write_h
 from drivers.errors import ConfigurationError
 from tests.appliance.configuration.test_config import GOOD
 from tools.commands.report import command
-from tools.report.period import last_period, period, summary
+from tools.report.period import last_period, per_fault, period, summary
 
 START = datetime(2026, 1, 1, tzinfo=UTC)
 NOW = datetime(2026, 3, 1, tzinfo=UTC)
@@ -52,10 +52,10 @@ MONTH = [
 ]
 
 
-def test_hours_are_those_of_the_states_day_by_day(tmp_path: Path) -> None:
+def test_hours_are_those_of_the_states_day_by_part(tmp_path: Path) -> None:
     january = period("month", START + timedelta(days=3))
     found = summary(january, read_log(logged(tmp_path, MONTH)), [], NOW)
-    assert (january.name, len(january.days)) == ("2026-01", 31)
+    assert (january.name, january.parts) == ("2026-01", 31)
     hours = {name: round(seconds / 3600, 3) for name, seconds in found.shares_s.items()}
     assert hours == {
         "not verified": 12.0,
@@ -66,8 +66,8 @@ def test_hours_are_those_of_the_states_day_by_day(tmp_path: Path) -> None:
         "device lost": 1.0,
     }
     assert sum(hours.values()) == 31 * 24
-    assert [round(sum(day.values()) / 3600, 3) for day in found.by_day] == [24.0] * 31
-    assert found.by_day[0]["not verified"] == 10 * 3600
+    assert [round(sum(day.values()) / 3600, 3) for day in found.by_part] == [24.0] * 31
+    assert found.by_part[0]["not verified"] == 10 * 3600
     assert found.verified == pytest.approx(hours["monitoring"] / (31 * 24 - 1))
 
 
@@ -108,8 +108,57 @@ def test_a_clock_that_was_set_back_makes_no_time(tmp_path: Path) -> None:
 )
 def test_periods_of_the_calendar(kind: str, day: str, name: str, days: int) -> None:
     found = period(kind, datetime.fromisoformat(day).replace(tzinfo=UTC))
-    assert (found.name, len(found.days)) == (name, days)
+    assert (found.name, (found.end - found.start).days) == (name, days)
     assert last_period(kind, found.end).name == name
+
+
+def test_an_alarm_names_every_fault_that_it_had_in_turn(tmp_path: Path) -> None:
+    """The last one stood for the whole: a lost tracker and a silent estimator were told as minutes of polarity."""
+    hour = [
+        (1.0, "state", state("warning", "tracker-lost", "silent")),
+        (1.2, "state", state("internal fault", "estimator-silent", "stopped")),
+        (1.5, "state", state("warning", "tracker-lost", "silent")),
+        (1.6, "state", state("halt", "polarity", "mirrored")),
+        (2.0, "state", state("not verified")),
+    ]
+    found = summary(period("day", START), read_log(logged(tmp_path, hour)), [], NOW)
+    (alarm,) = found.alarms
+    assert [(name, round(lasted_s)) for name, lasted_s in alarm.named] == [
+        ("tracker-lost", 1080),
+        ("estimator-silent", 1080),
+        ("polarity", 1440),
+    ]
+    assert (alarm.worst, alarm.fault, round(alarm.lasted_s)) == ("halt", "polarity", 3600)
+    assert {name: (number, round(seconds)) for name, number, seconds in per_fault(found.alarms)} == {
+        "tracker-lost": (1, 1080),
+        "estimator-silent": (1, 1080),
+        "polarity": (1, 1440),
+    }
+
+
+def test_a_time_of_overload_is_told_with_what_is_not_known_of_it(tmp_path: Path) -> None:
+    """A state that comes back meanwhile has no entry of its own, so shares and alarms are no more than a part."""
+    entries = [
+        (1.0, "state", state("monitoring")),
+        (1.1, "overloaded", {"pressure": 0.6}),
+        (1.2, "overload-ended", {"for_s": 360, "repeated": {"monitoring": 3, "warning (video-lost)": 2}}),
+        (5.0, "overloaded", {"pressure": 0.6}),
+        (6.0, "stopped", {}),
+        (30.0, "overloaded", {"pressure": 0.6}),
+    ]
+    reading = read_log(logged(tmp_path, entries))
+    first = summary(period("day", START), reading, [], NOW)
+    assert [(round(one.lasted_s), one.unlogged) for one in first.overloads] == [(360, 5), (3600, None)]
+    second = summary(period("day", START + timedelta(days=1)), reading, [], NOW)
+    assert [(round(one.lasted_s), one.unlogged) for one in second.overloads] == [(18 * 3600, None)]
+    assert summary(period("day", START - timedelta(days=1)), reading, [], NOW).overloads == []
+
+
+def test_a_day_is_told_hour_by_hour(tmp_path: Path) -> None:
+    found = summary(period("day", START + timedelta(days=1)), read_log(logged(tmp_path, MONTH)), [], NOW)
+    assert len(found.by_part) == 24
+    assert found.by_part[6] == {"warning": 1800, "halt": 1800}
+    assert found.by_part[5] == {"monitoring": 3600}
 
 
 @pytest.fixture
@@ -149,6 +198,39 @@ def test_the_page_holds_everything_and_loads_nothing(cart: Path) -> None:
     assert not re.search(r"(src|href)=[\"']?(?!data:)", text)
     for words in ("verified in", "tracker-lost", "recalibration", "anna", "failed", "cannot be read", "is whole"):
         assert words in text, words
+
+
+def test_the_axes_of_a_page_are_those_of_its_period(cart: Path) -> None:
+    """A day had an axis from 0.6 to 1.4, "day of the day"."""
+    heads = {"day": ("2026-01-02", "hour of the day, UTC"), "week": ("2026-W01", "day of the week, 1 is Monday")}
+    for kind, (name, axis) in {**heads, "month": ("2026-01", "day of the month")}.items():
+        made(cart, "--period", kind, of="2026-01-02")
+        (page,) = cart.parent.glob(f"*-{name}.html")
+        said = page.read_text()
+        assert axis in said
+        ticks = re.findall(r'<text class="tick" [^>]*>([^<]*)</text>', said)
+        assert ticks
+        assert all(tick.isdecimal() for tick in ticks), ticks
+        assert '<rect class="a"' in said, "a day on which it ran alone has a bar; a line of one point is none"
+
+
+def test_the_trend_stands_in_the_report(cart: Path) -> None:
+    """The help promised it."""
+    made(cart)
+    assert "The service has noted no estimates" in body(cart, "2026-01")
+    drifting = [
+        (24.0 * 25 + hour, "estimate", {"reference": 2, "checks": {"scale-axial": [value, 0.1, 5.0]}})
+        for hour, value in enumerate([0.0] * 13 + [2.0] * 13)
+    ]
+    logged(cart.parent / "alarms", drifting)
+    made(cart)
+    told = " ".join(body(cart, "2026-01").split())
+    assert "Of reference 2, until the end of the period. parameter estimates now limit" in told
+    assert "scale-axial 26" in told
+    assert "moving" in told
+    assert made(cart, of="2026-01-15")
+    made(cart, of="2025-12-15")
+    assert "scale-axial" not in body(cart, "2025-12"), "what came later is not of it"
 
 
 def test_a_cart_that_never_ran_is_not_green(cart: Path) -> None:
