@@ -110,6 +110,8 @@ def _within(entry: Entry, since: datetime | None, until: datetime | None) -> boo
 
 
 def _named(entry: Entry, state: str | None, fault: str | None, event: str | None) -> bool:
+    if state is not None and entry.event != Event.STATE:
+        return False  # others say in which state they came, such as the end of an overload
     wanted = ((state, entry.data.get("state")), (fault, entry.data.get("fault")), (event, entry.event))
     return all(asked is None or asked == has for asked, has in wanted)
 

@@ -42,6 +42,13 @@ def test_the_whole_log_in_order(folder: Path) -> None:
     assert "5 entries, the chain is whole" in result.stderr
 
 
+def test_the_end_of_an_overload_is_no_change_to_the_state_in_which_it_came(folder: Path) -> None:
+    """It was counted among the halts of a year."""
+    AlarmLog(folder).append(NOON, 9, "overload-ended", {"for_s": 9, "state": "halt", "fault": "scale"}, None)
+    assert [int(line.split()[0]) for line in asked(folder, "--state", "halt").stdout.splitlines()] == [3]
+    assert [int(line.split()[0]) for line in asked(folder, "--fault", "scale").stdout.splitlines()] == [2, 3, 6]
+
+
 @pytest.mark.parametrize(
     ("arguments", "numbers"),
     [
