@@ -4,6 +4,7 @@ import platform
 import shutil
 import subprocess
 import sys
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import click
 
 from appliance.configuration.config import Config, load_config
 from appliance.service.control.rights import join_group
+from appliance.storage.alarm_chain import Entry, Event
 from appliance.storage.reference_dates import Dates, dates_of
 from appliance.storage.reference_store import FOLDER as REFERENCES
 from appliance.storage.reference_store import HISTORY, History, content_of, read_history
@@ -77,7 +79,7 @@ def command(config_file: Path, kind: str, day: datetime | None, folder: Path, as
     _refuse_unreadable_store(config.alarm.folder / REFERENCES / HISTORY)
     history, store_fault = _history(config)
     found = summary(wanted, reading, self_tests.kept, now, () if history is None else history.entries)
-    found.store_fault = store_fault
+    found.store_fault = store_fault = store_fault or _lost(reading.entries, history, config.alarm.folder)
     chosen = _chosen(wanted, found, day is None)
     click.echo(chosen)
     write_period_page(page, cart, found, _dates(config, history), self_tests.faults, chosen)
@@ -130,6 +132,27 @@ def _history(config: Config) -> tuple[History | None, str]:
     except ConfigurationError as error:
         return None, str(error)
     return history, ""
+
+
+def _lost(entries: Sequence[Entry], history: History | None, folder: Path) -> str:
+    """Says that the store lacks the reference that the log names last, as after its folder was removed; empty where it
+    does not. A report would say that none was in force.
+    """
+    named = next((one for entry in reversed(entries) if (one := _named(entry)) is not None), None)
+    held = set() if history is None else {(one.number, one.sha256) for one in history.entries}
+    if named is None or named in held:
+        return ""
+    number, sha256 = named
+    what = f"the alarm log names reference {number}, SHA-256 {sha256[:12]}…, which the store does not hold"
+    return f"{folder / REFERENCES}: {what}. Restore the folder from a copy"
+
+
+def _named(entry: Entry) -> tuple[int, str] | None:
+    """Returns number and SHA-256 of the reference that the entry brings in force; None for other entries."""
+    said = entry.data.get("reference") if entry.event in (Event.STARTED, Event.REFERENCE) else None
+    if not isinstance(said, dict) or not isinstance(said.get("sha256"), str) or not isinstance(said.get("number"), int):
+        return None
+    return said["number"], said["sha256"]
 
 
 def _dates(config: Config, history: History | None) -> Dates | None:

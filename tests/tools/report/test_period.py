@@ -260,6 +260,19 @@ def test_the_calibration_in_force_is_told_though_it_came_in_force_before(cart: P
         assert [int(number) for number in re.findall(r"<td>(\d+)</td><td>20", page.read_text())] == told
 
 
+def test_a_store_without_the_reference_that_the_log_names_is_not_none_in_force(cart: Path) -> None:
+    """Its folder was removed: the report said green that none was in force."""
+    alarms, kept = cart.parent / "alarms", reference(1, "2025-12-24T08:00:00+00:00")
+    named = {"number": 1, "sha256": kept.sha256, "file": "probe.toml", "origin": "configuration"}
+    logged(alarms, [(31 * 24 + 6, "started", {"software": "probewatch 2", "reference": named})])
+    told = made(cart, code=65)
+    assert f"the alarm log names reference 1, SHA-256 {kept.sha256[:12]}…, which the store does not hold" in told
+    assert "The store of references is DAMAGED" in body(cart, "2026-01")
+    assert "None was in force" not in body(cart, "2026-01")
+    write_history(alarms, History(entries=(kept,)), {kept.sha256: b"1"})
+    made(cart)
+
+
 def test_each_calibration_is_told_with_the_time_for_which_it_was_in_force(cart: Path) -> None:
     entries = tuple(reference(n, f"{utc}T08:00:00+00:00") for n, utc in ((1, "2025-12-24"), (2, "2026-01-20")))
     contents = {one.sha256: b"%d" % one.number for one in entries}
