@@ -65,12 +65,12 @@ class Status:
         return _STATUS.pack(self.code, self.subcode, fixed(self.error, 20)) + _utf8(self.text) + b"\0"
 
 
-OK, NOT_FOUND, TIMEOUT, CONFIGURATION, UNKNOWN_INSTRUCTION = 1, 4, 7, 10, 12
+INVALID, OK, NOT_FOUND, TIMEOUT, CHECK_SUM, CONFIGURATION, UNKNOWN_INSTRUCTION = 0, 1, 4, 7, 9, 10, 12
 NOT_READY, DISABLED, NOT_PRESENT, UNKNOWN_VERSION, HARDWARE = 13, 15, 16, 17, 18
 """Codes of STATUS, by the specification."""
 
 CODES = {
-    0: "invalid",
+    INVALID: "invalid",
     OK: "OK",
     2: "unknown error",
     3: "panic",
@@ -79,7 +79,7 @@ CODES = {
     6: "busy",
     TIMEOUT: "time out",
     8: "overflow",
-    9: "check sum error",
+    CHECK_SUM: "check sum error",
     CONFIGURATION: "configuration error",
     11: "not enough resources",
     UNKNOWN_INSTRUCTION: "unknown instruction",

@@ -97,6 +97,10 @@ def parse_header(data: bytes, where: str = "") -> Header:
     return Header(version, _text(kind), _text(device), seconds << _FRACTION_BITS | fraction, body_bytes, crc)
 
 
+class CheckSumError(ProtocolError):
+    """The body is not the one that was sent, or its sender computes the check sum otherwise."""
+
+
 _OTHER_END = "Check that an OpenIGTLink server listens there"
 
 
@@ -106,7 +110,7 @@ def decode_body(header: Header, body: bytes, where: str = "") -> Message:
     if len(body) != header.body_bytes:
         raise ProtocolError(f"{named} has {len(body)} of {header.body_bytes} bytes", where)
     if crc64.ecma_182(body) != header.crc:
-        raise ProtocolError(f"{named} is damaged (its check sum does not fit)", where)
+        raise CheckSumError(f"{named} is damaged (its check sum does not fit)", where)
     if header.version == 1:
         return Message(header.kind, header.device, body, header.time)
     try:

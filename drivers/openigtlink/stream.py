@@ -20,11 +20,12 @@ class MessageStream:
     """Holds the parts of one message at most, and the whole ones of one call of `add`.
 
     skipped: messages that were not wanted. refused: wanted ones that were damaged. whole: messages of any kind that
-    have come to their end.
+    have come to their end. damaged: the header of the last one that was refused.
     """
 
     def __init__(self, wanted: Callable[[Header], bool], where: str = "") -> None:
         self.skipped = self.refused = self.whole = 0
+        self.damaged: Header | None = None
         self._wanted, self._where = wanted, where
         self._head, self._body = bytearray(), bytearray()
         self._header: Header | None = None
@@ -51,6 +52,7 @@ class MessageStream:
             return Arrived(decode_body(header, body, self._where), began_ns)
         except ProtocolError:
             self.refused += 1
+            self.damaged = header
             raise
 
     @property

@@ -75,12 +75,16 @@ def command(
     if image == pose:
         raise click.UsageError(f"--image and --pose are both '{image}': give each a name of its own")
     stop = Event()
+
+    def say(text: str) -> None:
+        click.echo(f"probewatch: {text}", err=True)
+
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stop.set())
     with (
         StatusWatch(control_socket, every_s) as watch,
         Passage(feed or control_socket.with_name("feed"), lambda text: click.echo(text, err=True)) as passage,
-        StateServer((host, port), watch, every_s, passage, Names(image, pose), stream) as server,
+        StateServer((host, port), watch, every_s, passage, Names(image, pose), stream, say) as server,
     ):
         click.echo(f"listening at {endpoint_text(*server.address)}")
         if not _is_loopback(host):

@@ -1,7 +1,9 @@
 """Replies to one question, in the version of its header, with its number where that has one. Pure."""
 
-from drivers.openigtlink.content import Status
-from drivers.openigtlink.message import Message
+from drivers.errors import ProtocolError
+from drivers.openigtlink.client import FOLLOW_REMEDY
+from drivers.openigtlink.content import CHECK_SUM, INVALID, Status
+from drivers.openigtlink.message import CheckSumError, Header, Message
 
 
 def reply(message: Message, kind: str, content: bytes) -> Message:
@@ -12,6 +14,13 @@ def reply(message: Message, kind: str, content: bytes) -> Message:
 def refusal(message: Message, code: int, words: str) -> Message:
     """STATUS that says why not; code: of the protocol, never OK."""
     return reply(message, "STATUS", Status(code, 0, "refused", words).content)
+
+
+def damaged(header: Header, error: ProtocolError) -> Message:
+    """STATUS for a question that came damaged, so that its number is not known."""
+    code = CHECK_SUM if isinstance(error, CheckSumError) else INVALID
+    content = Status(code, 0, "refused", f"{error.what}. {FOLLOW_REMEDY}").content
+    return Message("STATUS", header.device, content, version=min(header.version, 2))
 
 
 def number_of(message: Message) -> int:

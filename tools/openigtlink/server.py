@@ -11,12 +11,14 @@ from types import TracebackType
 from typing import Self
 
 from drivers.errors import ProtocolError, cannot_listen
+from drivers.openigtlink.client import FOLLOW_REMEDY
 from drivers.openigtlink.message import Header, Message, encode
 from drivers.openigtlink.stream import MessageStream
 from drivers.samples import Frame, Pose
 from tools.openigtlink.answers import answer_to
 from tools.openigtlink.asked import USUAL_NAMES, Asked, Names, nothing_comes
 from tools.openigtlink.passage import Passage, Wanted
+from tools.openigtlink.replies import damaged
 from tools.openigtlink.samples import sample_message
 from tools.openigtlink.wording import estimate_message, state_message, status_message, transform_message
 from tools.shared.called_host import endpoint_text
@@ -57,14 +59,19 @@ one who reads slowly finds the words before it that much older."""
 _STATE_EVERY_S = 1.0
 """Between two STRING and TRANSFORM while nothing changes: a reader's pace. STATUS goes out in every round."""
 
+_MOST_TOLD = 100
+"""Lines of the journal about what clients send wrongly, since the start. More lets a network of strangers fill it; less
+is silent of the next client. Not measured."""
+
 _READ_BYTES, _QUESTIONS = 1 << 14, 8
 """Taken from a client, and answered, in one turn, so that one who floods waits for the others: an answer takes some
 0.1 ms. Fewer take more turns for a client that asks everything at once."""
 
 
 class _Client:
-    """version: of the headers it understands: 1 until it has shown a later one. asked: of pictures and poses. due: a
-    round has passed it over. trouble: what was told it last of their absence. spoke_s: when it asked last, or came.
+    """version: of the headers it understands: 1 until it has shown a later one. asked: of pictures and poses. damage:
+    questions that came damaged, until they are answered. due: a round has passed it over. trouble: what was told it
+    last of their absence. spoke_s: when it asked last, or came.
     """
 
     def __init__(self, line: socket.socket, address: str, asked: Asked) -> None:
@@ -73,6 +80,7 @@ class _Client:
         self.address, self.came_s = address, time.monotonic()
         self.spoke_s = self.came_s
         self.unsent = bytearray()
+        self.damage: list[tuple[Header, ProtocolError]] = []
         self.stream = MessageStream(_is_question)
         self.moved_s = time.monotonic()
         self.sent: tuple[object, ...] = ()
@@ -86,20 +94,24 @@ class _Client:
                 raise ConnectionResetError
             self.stream.add(data, 0)
         found: list[Message] = []
-        while len(found) < _QUESTIONS and self._take(found):
+        while len(found) + len(self.damage) < _QUESTIONS and self._take(found):
             pass
         self.stream.require_sound()
         return found
 
     def _take(self, found: list[Message]) -> bool:
-        """False when there is none left. What is damaged is counted by the stream and passed over."""
-        with suppress(ProtocolError):
+        """False when there is none left."""
+        try:
             arrived = self.stream.take()
-            if arrived is None:
-                return False
-            self.version = max(self.version, min(arrived.message.version, 2))
-            found.append(arrived.message)
-            self.spoke_s = time.monotonic()
+        except ProtocolError as error:
+            assert self.stream.damaged is not None
+            self.damage.append((self.stream.damaged, error))
+            return True
+        if arrived is None:
+            return False
+        self.version = max(self.version, min(arrived.message.version, 2))
+        found.append(arrived.message)
+        self.spoke_s = time.monotonic()
         return True
 
     def put(self, message: Message) -> None:
@@ -137,7 +149,8 @@ class StateServer:
 
     every_s: between two rounds. passage: of pictures and poses, under names, to who asks, or to everybody who comes
     where unasked. turned_away, dropped: clients without a place, or who had to leave it; clients that did not read,
-    broke off or sent what is not OpenIGTLink.
+    broke off or sent what is not OpenIGTLink. damaged: questions that came so. say: for the journal, once of each
+    address and kind of damage.
     """
 
     def __init__(
@@ -148,12 +161,14 @@ class StateServer:
         passage: Passage,
         names: Names = USUAL_NAMES,
         unasked: bool = False,
+        say: Callable[[str], None] = lambda _: None,
     ) -> None:
         """Raises ConfigurationError where nobody can listen."""
         self._watch, self._every_s, self._passage, self._names = watch, every_s, passage, names
         self._unasked = frozenset({"IMAGE", "TRANSFORM"}) if unasked else frozenset[str]()
         self._clients: list[_Client] = []
-        self.turned_away = self.dropped = 0
+        self.turned_away = self.dropped = self.damaged = 0
+        self._say, self._told = say, set[tuple[str, str]]()
         try:
             self._door = socket.create_server(address, family=socket.AF_INET6 if ":" in address[0] else socket.AF_INET)
         except (OSError, UnicodeError) as error:
@@ -295,7 +310,18 @@ class StateServer:
             for question in client.hear():
                 if (reply := self._reply(client, question)) is not None:
                     client.put(reply)
+        for header, error in client.damage:
+            self.damaged += 1
+            client.put(damaged(header, error))
+            self._tell(client, error, "sends questions that come damaged", FOLLOW_REMEDY)
+        client.damage.clear()
         client.flush()
+
+    def _tell(self, client: _Client, error: ProtocolError, words: str, remedy: str) -> None:
+        """Once of each address and kind of damage: a client that comes again and again fills no journal."""
+        if len(self._told) < _MOST_TOLD and (client.address, words) not in self._told:
+            self._told.add((client.address, words))
+            self._say(f"the client {client.address} {words}: {error.what}. {remedy}")
 
     def _reply(self, client: _Client, question: Message) -> Message | None:
         if not client.asked.concerns(question):
@@ -309,7 +335,9 @@ class StateServer:
     def _for_client(self, client: _Client, act: Callable[[_Client], object]) -> None:
         try:
             act(client)
-        except (OSError, ProtocolError):
+        except (OSError, ProtocolError) as error:
+            if isinstance(error, ProtocolError):
+                self._tell(client, error, "was sent away, as it sends no OpenIGTLink", "End or mend that client")
             self.dropped += 1
             client.line.close()
             self._clients.remove(client)

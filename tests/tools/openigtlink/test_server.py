@@ -12,7 +12,7 @@ import pytest
 from click.testing import CliRunner
 
 from drivers.errors import ConfigurationError
-from drivers.openigtlink.content import OK, TIMEOUT, Status, parse_status
+from drivers.openigtlink.content import CHECK_SUM, OK, TIMEOUT, Status, parse_status
 from drivers.openigtlink.message import Message, encode
 from tests.support.answering import Answering
 from tests.support.example_status import OPEN, example_status
@@ -29,8 +29,8 @@ EVERY_S = 0.05
 
 
 class Bench:
-    def __init__(self, service: Answering, server: StateServer, watch: StatusWatch) -> None:
-        self.service, self.server, self.watch = service, server, watch
+    def __init__(self, service: Answering, server: StateServer, watch: StatusWatch, told: list[str]) -> None:
+        self.service, self.server, self.watch, self.told = service, server, watch, told
 
     def connect(self) -> Listener:
         return Listener(self.server.address)
@@ -38,18 +38,18 @@ class Bench:
 
 @pytest.fixture
 def bench(tmp_path: Path) -> Iterator[Bench]:
-    stop = Event()
+    stop, told = Event(), list[str]()
     with (
         Answering(tmp_path / "control", example_status) as service,
         StatusWatch(service.path, EVERY_S) as watch,
         Passage(tmp_path / "feed", print) as passage,
-        StateServer(("127.0.0.1", 0), watch, EVERY_S, passage) as server,
+        StateServer(("127.0.0.1", 0), watch, EVERY_S, passage, say=told.append) as server,
     ):
         thread = threading.Thread(target=server.run, args=(stop,))
         thread.start()
         try:
             until(lambda: watch.seen().status)
-            yield Bench(service, server, watch)
+            yield Bench(service, server, watch, told)
         finally:
             stop.set()
             thread.join()
@@ -107,6 +107,38 @@ def test_questions_are_answered_on_the_same_connection(bench: Bench) -> None:
             client.until(reply)
         client.line.sendall(b"".join(good_bytes()))
         client.until("RTS_COMMAND", "Recorder")
+
+
+def test_a_question_that_comes_damaged_is_answered_as_that_and_told_once(bench: Bench) -> None:
+    question = bytearray(encode(Message("GET_TRANS", "ImageToProbe", b"\1\2")))
+    question[-1] ^= 1
+    with bench.connect() as client:
+        client.line.sendall(bytes(question) * 20)
+        until(lambda: client.listen(0.1) and len(_of_image_to_probe(client)) == 20)
+        for refused in map(status_of, _of_image_to_probe(client)):
+            assert (refused.code, refused.error) == (CHECK_SUM, "refused")
+            assert "GET_TRANS 'ImageToProbe' is damaged (its check sum does not fit)" in refused.text
+        client.ask("GET_TRANS", "ImageToProbe")
+        client.until("TRANSFORM", "ImageToProbe")
+    assert bench.server.damaged == 20
+    (line,) = bench.told
+    assert line.startswith("the client 127.0.0.1 sends questions that come damaged: GET_TRANS 'ImageToProbe'")
+    assert "CRC-64 (ECMA-182)" in line
+
+
+def _of_image_to_probe(client: Listener) -> list[Message]:
+    return [one for one in client.heard if (one.kind, one.device) == ("STATUS", "ImageToProbe")]
+
+
+def test_a_client_of_another_protocol_is_told_in_the_journal(bench: Bench) -> None:
+    with bench.connect() as liar:
+        liar.line.sendall(b"GET / HTTP/1.1\r\n\r\n" * 10)
+        until(lambda: bench.server.dropped == 1)
+    with bench.connect() as again:
+        again.line.sendall(b"GET / HTTP/1.1\r\n\r\n" * 10)
+        until(lambda: bench.server.dropped == 2)
+    (line,) = bench.told
+    assert "was sent away, as it sends no OpenIGTLink: header version 18245 is not known" in line
 
 
 def test_clients_that_sleep_flood_or_break_off_hold_up_nobody(bench: Bench) -> None:
