@@ -75,7 +75,8 @@ def grey_picture(image: Image, levels: Levels | None) -> GreyImage:
     """
     columns, rows, slices = image.size
     if slices != 1:
-        raise ValueError(f"sends volumes of {_sides(image.size)} instead of pictures. Name its picture by image=")
+        remedy = "Name a picture of it by image=, or have it send one"
+        raise ValueError(f"sends volumes of {_sides(image.size)} instead of pictures. {remedy}")
     if image.part != image.size:
         raise ValueError(f"sends parts of {_sides(image.part or image.size)} px. Have it send whole pictures")
     if image.components not in CHANNELS:

@@ -31,6 +31,9 @@ measured.
 _POOR_FIT_MM = 0.5
 """Median RMS of the markers: two thirds of the shipped limit, .75 mm, so that a person hears of it before the alarm."""
 
+_NOTHING = "nothing"
+"""Last line of a source that gave nothing to use."""
+
 Row = tuple[str, str]
 Open = Callable[[str, HostClock], TrackerSource | VideoSource]
 _HALVES = {"poses": "tracker", "pictures": "video"}
@@ -65,7 +68,7 @@ class Measured:
 _HELP = """Connect to the device at URL, measure for some seconds, and say what it is and how well it does.
 
 A source that may give both is asked for both, unless --only names one. The last line of each is one word: good;
-poor, if lines are marked with "!"; or nothing, and why.
+poor, if lines are marked with "!"; nothing, or lost where something came before, and why.
 
 \b
 Examples:
@@ -140,7 +143,6 @@ def _probe_cart(url: str, seconds: float) -> None:
         click.echo(half.capitalize())
         if (failure := _half_of_cart(url, open_source, seconds)) is not None:
             failures[half] = failure
-            click.echo(f"nothing: {failure}")
         click.echo()
     alone_ok = all(isinstance(error, RecordingError) for error in failures.values()) and len(failures) < len(_OPENS)
     if not failures or alone_ok:
@@ -152,31 +154,49 @@ def _probe_cart(url: str, seconds: float) -> None:
 
 
 def _half_of_cart(url: str, open_source: Open, seconds: float) -> ProbewatchError | None:
-    """Returns why this half yields nothing usable. Raises DeviceLost where nothing answers, so that the other half is
-    not tried.
+    """Prints and returns why this half yields nothing usable. Raises DeviceLost where nothing answers, so that the
+    other half is not tried.
     """
     clock = HostClock()
     try:
         source = open_source(url, clock)
     except (RecordingError, ConfigurationError) as error:
+        click.echo(f"{_NOTHING}: {error}")
         return error
+    except DeviceLost:
+        click.echo(_NOTHING)
+        raise
+    measured = Measured()
     try:
-        _tell(source, url, seconds, clock)
+        _tell(source, url, seconds, clock, measured)
     except (RecordingError, DeviceLost, ConfigurationError) as error:
+        click.echo(f"{_word_of_failure(measured)}: {error}")
         return error
     return None
 
 
 def _probe_source(url: str, open_source: Open, seconds: float) -> None:
-    clock = HostClock()
-    _tell(open_source(url, clock), url, seconds, clock)
+    clock, measured = HostClock(), Measured()
+    try:
+        _tell(open_source(url, clock), url, seconds, clock, measured)
+    except ConfigurationError:
+        raise
+    except ProbewatchError:
+        click.echo(_word_of_failure(measured))
+        raise
 
 
-def _tell(opened: TrackerSource | VideoSource, url: str, seconds: float, clock: HostClock) -> None:
-    """Measures the source, prints the result and closes it. `clock` was created before the source was opened."""
+def _word_of_failure(measured: Measured) -> str:
+    return "lost" if measured.usable else _NOTHING
+
+
+def _tell(opened: TrackerSource | VideoSource, url: str, seconds: float, clock: HostClock, measured: Measured) -> None:
+    """Measures the source, prints the result and closes it. `clock` was created before the source was opened, and
+    `measured` is empty.
+    """
     with opened as source:
         click.echo(f"connected in {(clock.now_ns() - clock.origin_ns) / 1e9:.2f} s, measuring for {seconds:g} s")
-        measured = measure(source, seconds, clock)
+        measure(source, seconds, clock, measured)
         told = source.describe() if isinstance(source, Identified) else None
     _print([*_rows(told), *findings(measured)])
     absent = "" if told is None or measured.usable else told.absent
@@ -194,19 +214,18 @@ def _tell(opened: TrackerSource | VideoSource, url: str, seconds: float, clock: 
     click.echo("poor, see the lines marked with !" if found else "good")
 
 
-def measure(source: TrackerSource | VideoSource, seconds: float, clock: HostClock) -> Measured:
-    """Returns what arrives in that time, or until the device is lost."""
-    measured, end_ns = Measured(), clock.now_ns() + round(seconds * 1e9)
+def measure(source: TrackerSource | VideoSource, seconds: float, clock: HostClock, measured: Measured) -> None:
+    """Adds to `measured` what arrives in that time, or until the device is lost."""
+    end_ns = clock.now_ns() + round(seconds * 1e9)
     while clock.now_ns() < end_ns:
         try:
             sample = source.read(_READ_S)
         except DeviceLost as error:
             measured.end = error
-            return measured
+            return
         if sample is not None:
             measured.samples.append(sample)
             measured.arrivals_ns.append(clock.now_ns())
-    return measured
 
 
 def _description(device: object) -> list[Row]:

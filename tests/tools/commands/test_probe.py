@@ -3,11 +3,12 @@
 import json
 import math
 import re
+import socket
 import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,6 +16,8 @@ import numpy as np
 import pytest
 
 from drivers.clock.host_clock import HostClock
+from drivers.openigtlink.image import Image
+from drivers.openigtlink.message import Message, encode
 from drivers.recordings.metaimage import SequenceItem, write_metaimage
 from drivers.samples import Frame, Pose, PoseStatus, Stamp
 from drivers.twins.pty_line import PtyLine
@@ -72,6 +75,7 @@ def test_a_tracker_that_sees_nothing_is_an_error_in_plain_words() -> None:
     assert code == 69
     assert "! 100 % of the poses: missing (the tracker does not see the probe's rigid body)" in output
     assert "nothing to use came within 0.5 s. Bring the tool into view" in errors
+    assert output.splitlines()[-1] == "nothing"
 
 
 def test_a_tracker_that_falls_silent_is_an_error_after_what_was_measured() -> None:
@@ -82,6 +86,7 @@ def test_a_tracker_that_falls_silent_is_an_error_after_what_was_measured() -> No
         fault.join()
     assert code == 69
     assert "can be used" in output
+    assert output.splitlines()[-1] == "lost"
     assert "sent no frame for 200 ms" in errors
 
 
@@ -295,10 +300,43 @@ def test_where_the_name_is_wrong_the_remedy_is_the_name() -> None:
     assert "Have the server send its pictures as IMAGE" in pictures
 
 
+@contextmanager
+def serving(message: Message) -> Iterator[str]:
+    """A server's URL that sends one message to each client, and then is there."""
+    with socket.create_server(("127.0.0.1", 0)) as door, ExitStack() as lines:
+
+        def serve() -> None:
+            with suppress(OSError):
+                while True:
+                    lines.enter_context(line := door.accept()[0])
+                    line.sendall(encode(message))
+
+        thread = threading.Thread(target=serve)
+        thread.start()
+        try:
+            yield f"igtl://127.0.0.1:{door.getsockname()[1]}"
+        finally:
+            door.shutdown(socket.SHUT_RDWR)
+            thread.join()
+
+
+@pytest.mark.parametrize("options", [(), ("--only", "pictures")])
+def test_a_server_of_volumes_gives_nothing_and_the_remedy_fits_one_that_has_no_other(options: tuple[str, ...]) -> None:
+    volume = Message("IMAGE", "Volume", Image((16, 16, 3), bytes(16 * 16 * 3)).content)
+    with serving(volume) as url:
+        code, out, err = probed(url, *options, seconds="0.5")
+    what = "'Volume' sends volumes of 16 x 16 x 3 instead of pictures. Name a picture of it by image=, or have it send"
+    assert code == 69
+    assert what in out + err
+    last = [line for line in out.splitlines() if line][-1]
+    assert last == "nothing" if options else last.startswith("nothing: ") and what in last
+
+
 def test_a_server_that_is_not_there_is_told_once() -> None:
     code, out, err = probed("igtl://127.0.0.1:1", seconds="0.5")
     assert (code, (out + err).count("127.0.0.1:1")) == (69, 1), out + err
     assert "Pictures" not in out
+    assert out.splitlines()[-1] == "nothing"
 
 
 def test_a_server_of_poses_alone_is_good_where_no_more_is_asked() -> None:
