@@ -5,8 +5,11 @@ from math import log
 from types import MappingProxyType
 from typing import Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
-from pydantic_core import PydanticCustomError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic_core import ErrorDetails, PydanticCustomError
+
+from drivers.errors import ConfigurationError
+from drivers.suggestion import did_you_mean, suggested
 
 TRACKER_STALE_MS = 500.0
 """For which a tracker may repeat one measurement where the configuration (supervisor.tracker_stale_ms) does not say.
@@ -32,6 +35,31 @@ def check_name(field: str) -> str:
     return field.replace("_", "-")
 
 
+class _Told(type(BaseModel)):  # type: ignore[misc]
+    """Tells a program that makes limits of its own what is wrong, as ConfigurationError. The mistakes of a file, which
+    pydantic reads without a call, are told by the file's reader, with their lines.
+    """
+
+    def __call__(cls, *args: Any, **given: Any) -> Any:
+        try:
+            return super().__call__(*args, **given)
+        except ValidationError as error:
+            known = [field.alias or name for name, field in cls.model_fields.items()]
+            what = "; ".join(_mistake(item, known) for item in error.errors(include_url=False))
+            raise ConfigurationError(
+                what, cls.__name__, "[limits] in config/probewatch.toml has each with its bounds"
+            ) from None
+
+
+def _mistake(item: ErrorDetails, known: list[str]) -> str:
+    name = " ".join(map(str, item["loc"]))
+    if item["type"] == "extra_forbidden":
+        names = known if len(item["loc"]) == 1 else [check_name(one) for one in RequiredAges.model_fields]
+        meant = did_you_mean(suggested(str(item["loc"][-1]), names))
+        return f"{name} is not known. {meant or 'Known are ' + ', '.join(names)}"
+    return f"{name} = {item['input']!r}: {item['msg'][0].lower()}{item['msg'][1:]}" if name else item["msg"]
+
+
 SWEPT_AGE_S = 30.0
 """For which what ordinary sweeps show counts: as long as the longest window that measures, so that a sweep keeps the
 contact closed (docs/coverage.md). Less opens it in quiet scanning, more trusts what motion showed once for longer.
@@ -50,7 +78,7 @@ for motion amid a puncture; more does nothing unless that one is raised as well,
 (appliance.core.quality.stationary_time) for longer."""
 
 
-class RequiredAges(BaseModel):
+class RequiredAges(BaseModel, metaclass=_Told):
     """How old, s, the motion may be that showed each parameter, never older than max_verification_age_s; None: as old
     as that; 0: the contact does not ask for it.
 
@@ -89,7 +117,7 @@ class RequiredAges(BaseModel):
         return {check_name(name): age_s for name, age_s in self if age_s != 0}
 
 
-class Region(BaseModel):
+class Region(BaseModel, metaclass=_Told):
     """The part of the picture in which the error of a point counts, as shares of its width and height from the upper
     left corner. By default all of it, which holds every sector.
     """
@@ -127,7 +155,7 @@ _MEANING = ("rotation_deg", "scale_percent", "offset_mm", "latency_ms", "point_m
 """Numbers on which it depends what an OK of a profile says; `region` and `required_age_s` do so as well."""
 
 
-class Limits(BaseModel):
+class Limits(BaseModel, metaclass=_Told):
     """Deviation from the reference calibration at which a check fails, and how sure it must be.
 
     profile: whose limits those are that are not given. A limit that is given counts instead of the profile's, also

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from appliance.api import judge, reference
+from appliance.limits import Limits
 from appliance.storage.calibration_file import read_calibration, write_calibration
 from appliance.types import VerdictKind
 from drivers.errors import ConfigurationError, RecordingError
@@ -154,6 +155,22 @@ def test_a_wrong_array_is_told_by_name(arrays, name, change, said):
         judge(**{**arrays, name: change(arrays[name])})
     assert name in str(told.value)
     assert told.value.remedy
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"scale": 3}, r"^Limits: scale is not known. Did you mean 'scale_percent'\?"),
+        ({"scale_percent": "3"}, "^Limits: scale_percent = '3': input should be a valid number"),
+        ({"scale_percent": 99}, "scale_percent = 99: input should be less than or equal to 30"),
+        ({"profile": "fien"}, "profile = 'fien': input should be 'coarse', 'clinical' or 'fine'"),
+        ({"required_age_s": {"ofset-axial": 3}}, r"ofset-axial is not known. Did you mean 'offset-axial'\?"),
+        ({"region": {"left": 1.0, "right": 0.5}}, "region is empty"),
+    ],
+)
+def test_limits_that_cannot_be_are_told_by_name(given, said):
+    with pytest.raises(ConfigurationError, match=said):
+        Limits(**given)
 
 
 def test_limits_of_another_type_are_told(arrays):

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from pydantic import ValidationError
 
 from appliance.core.path.window import PathWindow
 from appliance.core.quality.evidence import Evidence
@@ -12,6 +11,7 @@ from appliance.core.quality.judgement import judge
 from appliance.core.quality.undecided import undecided
 from appliance.limits import MOST_NAMED_NATS, NAMED_NATS, Limits
 from appliance.types import Check, Fault, Verdict, VerdictKind
+from drivers.errors import ConfigurationError
 from tests.appliance.core.quality.test_undecided import accusation
 from tests.support.motions import TRUTH, tilting_path
 from tests.support.windows import filled
@@ -62,5 +62,5 @@ def test_a_choice_asks_for_the_raised_threshold_too() -> None:
 
 @pytest.mark.parametrize("nats", [NAMED_NATS - 0.01, 10.0, MOST_NAMED_NATS + 0.01])
 def test_no_threshold_below_the_shipped_one_or_beyond_the_most_is_taken(nats: float) -> None:
-    with pytest.raises(ValidationError):
+    with pytest.raises(ConfigurationError, match=r"named_nats = .*: input should be"):
         Limits(named_nats=nats)
