@@ -13,7 +13,8 @@ from pathlib import Path
 from typing import Annotated, Literal, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, StrictBool, ValidationError, model_validator
+from pydantic_core import PydanticCustomError
 
 from appliance.configuration.mistakes import Mistakes
 from appliance.core.acquisition.input_validation import ORTHOGONAL_WITHIN
@@ -60,18 +61,28 @@ _FARTHEST_MM = 2000.0
 """Of the picture's centre from the marker body, which sits on the probe: public device sets have up to some 150 mm.
 More is in another unit, or of another body; less might refuse a long holder."""
 
+
+def _number(value: object) -> object:
+    """Raises what pydantic reports for a truth value, which Python takes for 0 or 1, and for text."""
+    if isinstance(value, bool | str):
+        raise PydanticCustomError("refused", "must be a number")
+    return value
+
+
 _Named = tuple[str, str, str]
 """From, To and Matrix of a transform."""
 _Step = tuple[_Named, bool]
 """A transform on the way from one frame to another, and whether it is turned round there."""
-_Row3 = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
-_Row4 = tuple[FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat]
-_Scale = Annotated[float, Field(ge=_SCALE_RANGE_MM[0], le=_SCALE_RANGE_MM[1])]
-_Distance = Annotated[float, Field(ge=-_FARTHEST_MM, le=_FARTHEST_MM, allow_inf_nan=False)]
-_Side = Annotated[int, Field(ge=16, le=16_384)]
-_Sign = Literal[-1, 1]
-_Sigma = Annotated[float, Field(ge=0)]
-_Radius = Annotated[float, Field(ge=3, le=200)]
+# Strict, so that no text or truth value counts as a number: a file that has them was not written as it was meant.
+_Finite = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+_Row3 = tuple[_Finite, _Finite, _Finite]
+_Row4 = tuple[_Finite, _Finite, _Finite, _Finite]
+_Scale = Annotated[_Finite, Field(ge=_SCALE_RANGE_MM[0], le=_SCALE_RANGE_MM[1])]
+_Distance = Annotated[_Finite, Field(ge=-_FARTHEST_MM, le=_FARTHEST_MM)]
+_Side = Annotated[int, BeforeValidator(_number), Field(ge=16, le=16_384)]
+_Sign = Annotated[Literal[-1, 1], BeforeValidator(_number)]
+_Sigma = Annotated[float, Field(strict=True, ge=0)]
+_Radius = Annotated[_Finite, Field(ge=3, le=200)]
 """mm: of the smallest endocavitary probes, and nearly flat."""
 
 
@@ -81,7 +92,7 @@ class _File(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
     format: Literal["probewatch-calibration"]
-    version: Literal[1]
+    version: Annotated[Literal[1], BeforeValidator(_number)]
     image_size_px: tuple[_Side, _Side]
     polarity: tuple[_Sign, _Sign] = (1, 1)
     image_to_probe: tuple[_Row4, _Row4, _Row4, _Row4] | None = None
@@ -90,7 +101,7 @@ class _File(BaseModel):
     offset_mm: tuple[_Distance, _Distance, _Distance] | None = None
     not_observed: tuple[str, ...] = ()
     sigma: dict[str, _Sigma] | None = None
-    simulated: bool = False
+    simulated: StrictBool = False
     face_radius_mm: _Radius | None = None
     provenance: dict[str, str] = {}
 
@@ -281,6 +292,9 @@ def _from_toml(data: bytes, path: Path) -> Calibration:
             raise ConfigurationError(f"is {kind}, not a calibration", str(path), _GIVE) from None
         raise ConfigurationError(str(error), str(path), SAVE_AS_UTF_8) from None
     except ValueError as error:
+        if path.suffix.lower() == ".toml":
+            remedy = "Mend that line: a number begins with a digit (0.1), a text stands in quotes"
+            raise ConfigurationError(f"is not valid TOML: {error}", str(path), remedy) from error
         raise ConfigurationError(f"is neither TOML nor XML: {error}", str(path), _GIVE) from error
     base = _from_parts(file, path)
     covariance = None if file.sigma is None else np.diag([file.sigma[name] ** 2 for name in PARAMETERS])
