@@ -73,6 +73,9 @@ class Film:
     def transform_names(self) -> list[str]:
         return []
 
+    def misnamed(self) -> list[str]:
+        return []
+
     def stamp_ns(self, index: int) -> int:
         return self._times_ns[index]
 
@@ -179,6 +182,9 @@ class PoseTable:
     def transform_names(self) -> list[str]:
         return [_NAME]
 
+    def misnamed(self) -> list[str]:
+        return []
+
     def stamp_ns(self, index: int) -> int:
         seconds = self._number(index, "t_s")
         if not abs(seconds) <= MAX_STAMP_S:
@@ -201,7 +207,13 @@ class PoseTable:
         if status.upper() not in GOOD:
             return TransformReading(None, PoseStatus.MISSING, status)
         values = [self._number(index, column) for column in self._columns]
-        return rigid_reading(_from_rows(values) if self._columns == _MATRIX else _from_quaternion(values), name)
+        if self._columns == _MATRIX:
+            return rigid_reading(_from_rows(values), name)
+        length = math.hypot(*values[3:])
+        if math.isfinite(length) and not _SHORTEST < length < _LONGEST:
+            reason = f"{name} has a quaternion of length {length:.4g}, not 1"
+            return TransformReading(None, PoseStatus.NOT_UNDERSTOOD, f"{reason}; qw is its first number, the cosine")
+        return rigid_reading(_from_quaternion(values), name)
 
     def pictures(self) -> Iterator[GreyImage]:
         return iter(())
@@ -304,6 +316,6 @@ def _from_rows(values: list[float]) -> Matrix4:
 
 def _from_quaternion(values: list[float]) -> Matrix4:
     x_mm, y_mm, z_mm, w, x, y, z = values
-    if not _SHORTEST < math.hypot(w, x, y, z) < _LONGEST:
+    if not math.isfinite(math.hypot(w, x, y, z)):
         return np.full((4, 4), np.nan)  # reported as a pose that is none, like every matrix that is no rotation
     return pose_matrix((w, x, y, z), (x_mm, y_mm, z_mm))

@@ -49,6 +49,7 @@ measured."""
 _CHANNELS, _SKIPPED = "ElementNumberOfChannels", "HeaderSize"
 _DECIMAL_COMMA = re.compile(r"[+-]?[0-9]+,[0-9]+")
 """A number as spreadsheets and programs write it in countries with a decimal comma."""
+_REAL = re.compile(r"[-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?")
 FRAME_KEY = re.compile(r"Seq_Frame([0-9]{1,9})_(\S+)")
 
 
@@ -86,6 +87,13 @@ class MetaImage:
         """Sorted `<A>To<B>` of every transform that occurs in the sequence."""
         keys = {key for fields in self.frames for key in fields if key.endswith("Transform")}
         return sorted(key.removesuffix("Transform") for key in keys)
+
+    def misnamed(self) -> list[str]:
+        """Sorted names of fields with sixteen numbers that do not end in Transform, which PLUS takes for no transform
+        either.
+        """
+        first = self.frames[0] if self.frames else {}
+        return sorted(key for key, text in first.items() if not key.endswith("Transform") and _is_sixteen(text))
 
     def stamp_ns(self, index: int) -> int:
         """Timestamp, ns of the recording's own clock. Raises RecordingError where it is missing or not a time."""
@@ -398,6 +406,11 @@ def _sixteen_numbers(path: Path, key: str, text: str) -> Matrix4:
         return np.array([float(word) for word in text.split()]).reshape(4, 4)
     except ValueError:
         raise _refusal(path, key, f"{text[:60]!r} is not sixteen numbers", "Record again, or fix this line") from None
+
+
+def _is_sixteen(text: str) -> bool:
+    words = text.split()
+    return len(words) == 16 and all(_REAL.fullmatch(word) for word in words)
 
 
 def _raw(stream: BinaryIO, path: Path, count: int, frame_bytes: int) -> Iterator[bytes]:

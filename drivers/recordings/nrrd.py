@@ -5,6 +5,7 @@ a blank line, then 8-bit pictures, raw or as one gzip stream, in the same file o
 picture are those of MetaImage.
 """
 
+import re
 import shutil
 import tempfile
 from collections.abc import Iterable
@@ -41,8 +42,28 @@ _PLANAR_AXES = 3  # of SimpleITK: columns, rows, pictures
 _MOST_AXES = 4  # of PLUS and 3D Slicer: a third spatial axis of one plane
 
 
+_OWN_WORDS = {
+    "ElementType": "type",
+    "MET_UCHAR": "uchar",
+    "DimSize": "sizes",
+    "ElementNumberOfChannels": "the size of the first axis",
+    "ElementDataFile": "data file",
+    "HeaderSize": "byte skip",
+}
+"""Words of MetaImage, in which a header is checked → those of NRRD, in which its author knows them."""
+_ITS_WORD = re.compile("|".join(_OWN_WORDS))
+
+
 def read_nrrd(path: Path, orientation: str | None = None) -> MetaImage:
     """Read it like read_metaimage. Raises RecordingError naming file, key and remedy."""
+    try:
+        return _read(path, orientation)
+    except RecordingError as error:
+        what, remedy = (_ITS_WORD.sub(lambda found: _OWN_WORDS[found[0]], text) for text in (error.what, error.remedy))
+        raise RecordingError(what, error.where, remedy) from None
+
+
+def _read(path: Path, orientation: str | None) -> MetaImage:
     try:
         with reading(path) as stream:
             general, frames = _read_header(stream, path)
@@ -142,7 +163,7 @@ def _as_metaimage(path: Path, general: dict[str, str], encoding: str, named: str
     kind = general.get("type", "").lower()
     return {
         "DimSize": " ".join(size for size, _ in axes),
-        "ElementType": "MET_UCHAR" if kind in _GREY else f"type {kind}",
+        "ElementType": "MET_UCHAR" if kind in _GREY else kind,
         "CompressedData": str(encoding != "raw"),
         "ElementDataFile": named,
         "ElementNumberOfChannels": str(channels),

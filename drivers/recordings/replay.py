@@ -6,7 +6,7 @@ not increase, and pictures the recorder marked invalid, are left out and counted
 
 import heapq
 from collections.abc import Callable, Generator, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
 from types import TracebackType
@@ -32,6 +32,8 @@ SLOWEST_NS = 2_000_000_000
 """Between two entries, the median: the line takes what is further apart for a leap of the clock, so that nothing would
 be paired. Times in ms or µs show by it."""
 
+_POSE_DISORDER = "pose time does not increase"
+
 ENDED = "the recording has ended"
 """What is said of a device that has played all of its recording."""
 
@@ -44,7 +46,8 @@ class Recording:
 
     tool, reference: names of the transforms that make a pose, reference None where the first is used alone; tool None
     where the session has no poses. witness: of a second body on the probe, in the same frame as tool, None where none
-    is named. left_out: reason → number of frames not passed on.
+    is named. left_out: reason → number of frames not passed on. poses_left_out: the same of poses, where they have
+    times of their own.
     """
 
     pictures: Sequence
@@ -54,12 +57,19 @@ class Recording:
     frame_order: tuple[tuple[int, int], ...]
     pose_order: tuple[tuple[int, int], ...]
     left_out: dict[str, int]
+    poses_left_out: dict[str, int] = field(default_factory=dict)
     witness: str | None = None
 
     @property
     def size_px(self) -> tuple[int, int] | None:
         """(width, height) of the pictures, None where there are none."""
         return self.pictures.size_px
+
+    @property
+    def remarks(self) -> list[str]:
+        """What was left out, a line for each reason."""
+        each = (("pictures", self.left_out), ("poses", self.poses_left_out))
+        return [f"{number} {what} left out: {why}" for what, found in each for why, number in found.items()]
 
     @property
     def start_ns(self) -> int:
@@ -143,7 +153,8 @@ def open_recording(
         "picture marked invalid": len(frame_order) - len(shown),
         "the film is cut: its header counts more pictures": pictures.lacking if isinstance(pictures, Film) else 0,
     }
-    pose_order = _in_time_order(pose_source)[0] if tool else ()
+    pose_order, poses_disordered = _in_time_order(pose_source) if tool else ((), 0)
+    has_own_times = pose_source is not pictures or not pictures.size_px
     _check_overlap(shown, pose_order, pose_source)
     return Recording(
         pictures=pictures,
@@ -153,6 +164,7 @@ def open_recording(
         frame_order=shown,
         pose_order=pose_order,
         left_out={reason: number for reason, number in left_out.items() if number},
+        poses_left_out={_POSE_DISORDER: poses_disordered} if poses_disordered and has_own_times else {},
         witness=_witness_name(pose_source, tool, probe or "Probe", witness),
     )
 
@@ -260,6 +272,11 @@ def _transform_names(
     if tool in there:
         remedy = "Name the reference tool with --reference, or Tracker where there is none"
         raise RecordingError(what, str(poses.path), remedy)
+    if misnamed := [name for name in poses.misnamed() if name not in there]:
+        what += f"; sixteen numbers without the ending Transform: {', '.join(misnamed)}"
+        likely = next((name for name in misnamed if name.lower() in (direct.lower(), tool.lower())), misnamed[0])
+        named = direct if likely.lower() == direct.lower() else tool
+        raise RecordingError(what, str(poses.path), f"Call {likely} {named}Transform in each frame, as PLUS does")
     raise RecordingError(what, str(poses.path), _how_to_name(there))
 
 

@@ -12,6 +12,7 @@ from appliance.limits import Limits
 from appliance.storage.calibration_file import read_calibration
 from drivers.errors import RecordingError
 from drivers.recordings.replay import Recording, open_recording
+from tools.shared.left_out import tell_left_out
 from tools.shared.terminal import progress_bar
 
 _CLOCK_SIGMA_MS = 5.0
@@ -60,6 +61,7 @@ def command(
     session = open_recording(recording, poses=poses, probe=probe, reference=reference, orientation=orientation)
     if session.size_px is None:
         raise RecordingError("holds no pictures", str(recording), "Give a recording with its pictures")
+    tell_left_out(session)
     found = _of_tank(session, recording) if calibration is None else _of_tissue(session, calibration, probe, recording)
     sigma_ms = (1e6 * found.sigma_s**2 + _CLOCK_SIGMA_MS**2) ** 0.5
     early = "; it is early, or the pictures are late" if found.value_s < 0 else ""

@@ -12,6 +12,7 @@ from drivers.errors import RecordingError
 from drivers.recordings.replay import open_recording
 from drivers.samples import Frame, Pose, PoseStatus, Sample, Stamp
 from drivers.twins.scene.world import World
+from tools.shared.left_out import tell_left_out
 
 _FRAME_NS = 50_000_000
 _POSES_PER_FRAME = 3
@@ -61,6 +62,7 @@ def recorded(path: Path, probe: str | None, reference: str | None, orientation: 
     session = open_recording(path, probe=probe, reference=reference, orientation=orientation)
     if session.size_px is None:
         raise RecordingError("holds no pictures", str(path), "Give a recording of the cross-wire with its pictures")
+    tell_left_out(session)
     return ScanInput(session.samples(), len(session), session.size_px, str(path.absolute()), path)
 
 

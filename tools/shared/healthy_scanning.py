@@ -15,6 +15,7 @@ from appliance.types import Calibration, Fault, Kind, Verdict
 from drivers.errors import RecordingError
 from drivers.recordings.replay import open_recording
 from drivers.samples import Frame, Pose, Sample
+from tools.shared.left_out import tell_left_out
 from tools.shared.noise_tail import BLOCK_NS
 from tools.shared.rerun import Rerun
 
@@ -82,6 +83,7 @@ def heard_in_sequence(
     recording = open_recording(path, probe=named.probe, reference=named.reference, orientation=named.orientation)
     if recording.size_px is None:
         raise RecordingError("holds no pictures, so nothing was judged", str(path), _NOT_HEALTHY)
+    tell_left_out(recording)
     nominal = read_calibration(calibration, recording.size_px, named.probe or "Probe")
     line, heard = _line(nominal, limits, stale_ns), Heard(path)
     for sample in watched(recording.samples()):

@@ -28,6 +28,9 @@ class Session(Protocol):
     @property
     def left_out(self) -> dict[str, int]: ...
 
+    @property
+    def poses_left_out(self) -> dict[str, int]: ...
+
     def samples(self) -> Iterator[Sample]: ...
 
 
@@ -47,7 +50,7 @@ def run(
     watched: Callable[[Iterable[Sample]], Iterator[Sample]] = iter,
     seen: Seen = nobody,
 ) -> tuple[LineReport, list[Change]]:
-    """Runs every sample through pipeline and supervisor; the report also counts the frames that the reader left out.
+    """Runs every sample through pipeline and supervisor; the report also counts what the reader left out.
     `watched` passes the samples on and shows the progress.
     """
     timeline = Timeline(session.start_ns, *session.overlap_ns, judging)
@@ -59,7 +62,9 @@ def run(
     report = line.report()
     left_out = sum(session.left_out.values())
     report = replace(report, frames=report.frames + left_out, unpaired={**report.unpaired, **session.left_out})
-    return timeline.completed(report), timeline.changes
+    report = timeline.completed(report)
+    poses = report.poses + sum(session.poses_left_out.values())
+    return replace(report, poses=poses, unusable={**report.unusable, **session.poses_left_out}), timeline.changes
 
 
 def run_series(
@@ -96,6 +101,7 @@ class BlackBoxSession:
     """The samples of a black box as one session, regardless of its pipelines."""
 
     left_out: dict[str, int] = {}  # noqa: RUF012  what is missing is told by its gaps
+    poses_left_out: dict[str, int] = {}  # noqa: RUF012
 
     def __init__(self, series: Series) -> None:
         self._series = series

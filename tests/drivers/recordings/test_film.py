@@ -212,6 +212,19 @@ def test_a_list_of_films_shows_no_file_that_lies_elsewhere(tmp_path: Path, name:
         Film(tmp_path / name)
 
 
+@pytest.mark.parametrize(("quaternion", "length"), [("0,0,0,0", "0"), ("0.5,0,0,0", "0.5"), ("3,4,0,0", "5")])
+def test_a_quaternion_of_another_length_is_told_by_it(tmp_path: Path, quaternion: str, length: str) -> None:
+    table = tmp_path / "poses.csv"
+    table.write_text(
+        f"t_s,x_mm,y_mm,z_mm,qw,qx,qy,qz\n0,1,2,3,{quaternion}\n0.1,1,2,3,1.05,0,0,0\n0.2,1,2,3,nan,0,0,0\n"
+    )
+    wrong, rounded, unknown = (PoseTable(table).transform(index, "ProbeToTracker") for index in range(3))
+    assert wrong.reason.startswith(f"ProbeToTracker has a quaternion of length {length}, not 1")
+    assert (wrong.matrix, wrong.status) == (None, PoseStatus.NOT_UNDERSTOOD)
+    assert rounded.matrix is not None
+    assert unknown.reason == "ProbeToTracker is not finite"
+
+
 @pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-16-be"])
 def test_a_table_in_utf_16_is_told_as_that(tmp_path: Path, encoding: str) -> None:
     table = tmp_path / "poses.csv"

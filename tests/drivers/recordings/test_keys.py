@@ -111,7 +111,10 @@ def test_capitals_of_a_field_of_nrrd_make_no_difference(tmp_path: Path) -> None:
 def test_what_stands_before_the_pictures_of_another_file_is_skipped(tmp_path: Path, skipped: int) -> None:
     """HeaderSize of MetaImage, byte skip of NRRD; -1: the pictures end with the file."""
     write_metaimage(tmp_path / "scan.mhd", items(), SIZE_PX, compressed=False, detached=True)
-    for place, line in (("scan.mhd", f"HeaderSize = {skipped}\n"), ("scan.nhdr", f"byte skip: {skipped}\n")):
+    for place, line, said in (
+        ("scan.mhd", f"HeaderSize = {skipped}\n", "Correct DimSize, or say by HeaderSize how many bytes stand before"),
+        ("scan.nhdr", f"byte skip: {skipped}\n", "Correct sizes, or say by byte skip how many bytes stand before"),
+    ):
         raw = tmp_path / "scan.raw"
         raw.write_bytes(b"own" + b"".join(picture(k).tobytes() for k in range(4)))
         if place == "scan.mhd":
@@ -127,7 +130,7 @@ def test_what_stands_before_the_pictures_of_another_file_is_skipped(tmp_path: Pa
         )
 
         (tmp_path / place).write_text(text.replace(f" {skipped}\n", " 0\n"))
-        with pytest.raises(RecordingError, match="Correct DimSize, or say by HeaderSize how many bytes stand before"):
+        with pytest.raises(RecordingError, match=said):
             read_sequence(tmp_path / place, "MF")
 
 
@@ -138,7 +141,7 @@ def test_what_stands_before_the_pictures_of_another_file_is_skipped(tmp_path: Pa
             "scan.igs.nrrd",
             "encoding: gzip",
             "byte skip: 3\nencoding: gzip",
-            "HeaderSize is 3, which is read of pictures in",
+            "byte skip is 3, which is read of pictures in",
         ),
         ("scan.igs.nrrd", "encoding: gzip", "line skip: 2\nencoding: gzip", "line skip is not 0"),
         ("scan.igs.mha", "ElementDataFile", "HeaderSize = 3\nElementDataFile", "HeaderSize is 3, which is read of"),

@@ -94,11 +94,16 @@ def changed(path: Path, old: bytes, new: bytes) -> Path:
     ("old", "new", "what"),
     [
         (b"encoding: gzip", b"encoding: bzip2", "neither raw nor gzip"),
-        (b"type: uchar", b"type: float", "not MET_UCHAR"),
+        (
+            b"type: uchar",
+            b"type: float",
+            r"type is 'float', not uchar\. Record 8-bit grey B-mode pictures \(uchar, one",
+        ),
+        (b"type: uchar", b"type: uint16", "type is 'uint16', not uchar"),
         (b"kinds: domain domain domain list", b"kinds: list domain domain domain", "stored pixel by pixel"),
         (b"kinds: domain domain domain list", b"kinds: domain domain domain domain", "not those of a sequence"),
         (b"kinds: domain domain domain list", b"kinds: vector domain domain list", "not domain domain list"),
-        (b"sizes: 7 5 1 4", b"sizes: 7 5 1 5", "says 5 frames"),
+        (b"sizes: 7 5 1 4", b"sizes: 7 5 1 5", "sizes says 5 frames"),
         (b"sizes: 7 5 1 4", b"sizes: 7 5 4 1", "not width, height"),
         (b"sizes: 7 5 1 4", b"sizes: 99999 99999 1 4", "not width, height"),
         (b"dimension: 4", b"dimension 4", "neither 'field: value'"),

@@ -1,5 +1,6 @@
 """Recordings as streams of samples and as devices."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -128,6 +129,39 @@ def test_a_time_that_steps_back_is_left_out_and_counted(tmp_path):
     assert len(stamps) == 19
     assert all(np.diff(stamps) > 0)
     assert recording.left_out == {"picture time does not increase": 1}
+
+
+def test_poses_of_their_own_that_step_back_are_left_out_and_counted(tmp_path, session):
+    """Not those of the pictures' own entries, which count once."""
+    poses = [replace(item, image=None) for item in items(40)]
+    poses[3] = replace(poses[3], t_ns=poses[1].t_ns)
+    write_metaimage(tmp_path / "poses.mha", poses, None)
+    recording = open_recording(session, poses=tmp_path / "poses.mha")
+    assert recording.poses_left_out == {"pose time does not increase": 1}
+    assert recording.remarks == ["1 poses left out: pose time does not increase"]
+    assert open_recording(tmp_path / "poses.mha").poses_left_out == {"pose time does not increase": 1}
+    both = [replace(one, image=picture(n)) for n, one in enumerate(poses)]
+    mixed = open_recording(written(tmp_path / "both.mha", both))
+    assert (mixed.left_out, mixed.poses_left_out) == ({"picture time does not increase": 1}, {})
+
+
+@pytest.mark.parametrize(
+    ("key", "named"),
+    [
+        ("ProbeToTracker", "ProbeToTracker"),
+        ("probetotrackertransform", "ProbeToTracker"),
+        ("ProbeToReference", "ProbeToReference"),
+        ("ProbeToTrackerMatrix", "ProbeToTracker"),
+    ],
+)
+def test_a_matrix_whose_key_lacks_the_ending_is_told_with_what_to_write(tmp_path, key, named):
+    path = written(tmp_path / "a.mha", [replace(item, transforms={"XToY": turn(0.3)}) for item in items()])
+    header = re.sub(rb"Seq_Frame\d+_XToYTransformStatus = OK\n", b"", path.read_bytes())
+    path.write_bytes(header.replace(b"_XToYTransform = ", f"_{key} = ".encode()))
+    with pytest.raises(RecordingError) as told:
+        open_recording(path)
+    assert f"its transforms: none; sixteen numbers without the ending Transform: {key}" in told.value.what
+    assert told.value.remedy == f"Call {key} {named}Transform in each frame, as PLUS does"
 
 
 def test_a_clock_that_keeps_stepping_back_is_refused(tmp_path):

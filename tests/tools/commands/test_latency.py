@@ -1,15 +1,20 @@
 """`probewatch latency` on real recordings of PLUS: the figure that is known of each, and a sigma that covers it."""
 
+import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 
 from appliance.storage.calibration_file import calibration_from_image_to_probe, write_calibration
 from drivers.errors import RecordingError
+from drivers.recordings.metaimage import write_metaimage
 from drivers.recordings.replay import open_recording
-from tests.support.recordings import NWIRE_IMAGE_TO_PROBE, plus_file
+from tests.support.answers import answered
+from tests.support.recordings import NWIRE_IMAGE_TO_PROBE, items, plus_file
 from tools.commands.latency import command
 
 
@@ -64,3 +69,18 @@ def test_wires_are_no_bottom_of_a_tank(name: str) -> None:
     for words in ("line across the picture", "water tank", "--calibration"):
         assert words in str(done.exception), words
     assert "late by" not in done.output
+
+
+def test_poses_out_of_order_are_counted_here_and_by_replay(tmp_path: Path) -> None:
+    """They were left out without a word."""
+    shown = [replace(item, transforms={}) for item in items(40, (48, 32))]
+    scan, poses, calibration = (tmp_path / name for name in ("scan.igs.mha", "poses.csv", "probe.toml"))
+    write_metaimage(scan, shown, (48, 32))
+    rows = [f"{2588.14 + 0.08 * n - (n == 20) * 0.5:.3f},1,2,{n},1,0,0,0" for n in range(40)]
+    poses.write_text("\n".join(["t_s,x_mm,y_mm,z_mm,qw,qx,qy,qz", *rows]))
+    tank = answered("latency", scan, "--poses", poses)
+    assert "scan.igs.mha: 1 poses left out: pose time does not increase" in tank.stderr
+    assert tank.returncode == 65, "it shows no bottom of a tank"
+    write_calibration(calibration, calibration_from_image_to_probe(np.diag([0.2, 0.2, 1.0, 1.0]), (48, 32)), {})
+    report = json.loads(answered("replay", scan, "--poses", poses, "--calibration", calibration, "--json").stdout)
+    assert (report["poses"], report["unusable_poses"]) == (40, {"pose time does not increase": 1})

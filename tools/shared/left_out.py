@@ -1,0 +1,11 @@
+"""What a recording's reader has left out, for commands without a report of their own that counts it."""
+
+import click
+
+from drivers.recordings.replay import Recording
+
+
+def tell_left_out(recording: Recording) -> None:
+    """Prints a line for each reason, on stderr."""
+    for remark in recording.remarks:
+        click.secho(f"{recording.pictures.path.name}: {remark}", err=True, fg="yellow")
