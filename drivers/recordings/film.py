@@ -9,6 +9,7 @@ tracker by rows, mm, or `x_mm`, `y_mm`, `z_mm`, `qw`, `qx`, `qy`, `qz`; `status`
 import csv
 import io
 import math
+import os
 import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -111,6 +112,8 @@ class Film:
         if head.startswith(_LISTS):
             what = "is a list of other files, not a film that holds its own pictures"
             raise RecordingError(what, str(self.path), "Convert it to MP4 or MKV where those files are yours")
+        os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # no lines of its own between those of the command
+        cv2.utils.logging.setLogLevel(0)
         film = cv2.VideoCapture(str(self.path), cv2.CAP_FFMPEG)
         if not film.isOpened():
             raise RecordingError("cannot be decoded as a film", str(self.path), "Convert it to MP4 or MKV")
@@ -118,7 +121,7 @@ class Film:
 
     def _looked_through(self) -> tuple[list[int], tuple[int, int], int]:
         """(times of all pictures, ns; width and height; how many pictures the header counts, 0 where it does not)."""
-        film, times_ns = self._opened(), list[int]()
+        film, times_ns, seen = self._opened(), list[int](), _Alike()
         try:
             told = film.get(cv2.CAP_PROP_FRAME_COUNT)
             counted = round(told) if 0 < told < _MOST_PICTURES else 0
@@ -128,12 +131,39 @@ class Film:
                 raise RecordingError(what, str(self.path), "Cut the pictures, or make them smaller")
             while len(times_ns) < _MOST_PICTURES and film.grab():
                 times_ns.append(round(film.get(cv2.CAP_PROP_POS_MSEC) * 1e6))
+                seen.look(film)
+            codec = round(film.get(cv2.CAP_PROP_FOURCC)).to_bytes(4, "little", signed=True).decode("ascii", "replace")
         finally:
             film.release()
+        if not times_ns and counted > 1:
+            what = f"counts {counted} pictures, none of which can be decoded here (codec {codec.strip()})"
+            raise RecordingError(what, str(self.path), f"Convert it: ffmpeg -i {self.path.name} -c:v ffv1 new.mkv")
         if not times_ns:
             raise RecordingError("holds no pictures", str(self.path), "Is it cut? Copy it again")
+        if seen.alike and len(times_ns) > 1:
+            what = f"gives one and the same picture {len(times_ns)} times: it is interlaced, or was frozen throughout"
+            remedy = f"Make interlaced pictures whole: ffmpeg -i {self.path.name} -vf yadif -c:v ffv1 new.mkv"
+            raise RecordingError(what, str(self.path), remedy)
         first_ns = times_ns[0]
         return [t_ns - first_ns for t_ns in times_ns], size_px, counted
+
+
+class _Alike:
+    """Whether all pictures are the same so far. FFmpeg's scaler refuses interlaced ones, OpenCV passes that over and
+    gives whatever its memory holds, each time the same.
+    """
+
+    def __init__(self) -> None:
+        self.alike = True
+        self._first: np.ndarray | None = None
+
+    def look(self, film: cv2.VideoCapture) -> None:
+        """At the picture that was grabbed last; at none any more once two have differed."""
+        if not self.alike:
+            return
+        picture = film.retrieve()[1]
+        self.alike = self._first is None or np.array_equal(picture, self._first)
+        self._first = picture
 
 
 _OWN_WORDS = {status.value: status for status in PoseStatus if status is not PoseStatus.OK}

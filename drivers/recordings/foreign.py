@@ -1,6 +1,7 @@
 """Recordings of other programs, recognised by their first bytes: what such a file is, and what makes a sequence of
 it."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
 from drivers.errors import RecordingError
@@ -14,6 +15,8 @@ _BLACK_BOX = "A black box: probewatch replay FILE, or probewatch export it to .i
 _UNPACK = "Unpack it, and give the .igs.mha or .mhd that is in it; save a spreadsheet of poses as CSV"
 _AS_CSV = "Save its table of poses as CSV (docs/black-box.md has the columns)"
 
+_CONVERT = "Convert it to MP4 or MKV, and give its poses with --poses"
+
 _KINDS = (
     (0, b"#ROSBAG", "a ROS bag", _REPLAY),
     (0, b"\x89MCAP", "a black box or a ROS bag (MCAP)", _BLACK_BOX),
@@ -26,13 +29,19 @@ _KINDS = (
     (0, b"\x93NUMPY", "a NumPy array", "Give arrays to appliance.api.judge (docs/python.md)"),
     (344, b"n+1", "a NIfTI volume", _VOLUME),
     (0, b"\x5c\x01\x00\x00", "a NIfTI volume", _VOLUME),
-    (0, b"GIF8", "a GIF", "Convert it to MP4 or MKV, and give its poses with --poses"),
+    (0, b"GIF8", "a GIF", _CONVERT),
     (0, b"BM", "a single picture (BMP)", _PICTURE),
     (0, b"II*\x00", "a TIFF picture", _PICTURE),
     (0, b"MM\x00*", "a TIFF picture", _PICTURE),
     (0, b"CDF\x01", "a NetCDF or MINC file", "Write its pictures and poses as a PLUS sequence (.igs.mha)"),
     (0, b"CDF\x02", "a NetCDF or MINC file", "Write its pictures and poses as a PLUS sequence (.igs.mha)"),
-    (0, b"\x00\x00\x01\xba", "an MPEG film", "Convert it to MP4 or MKV, and give its poses with --poses"),
+    (0, b"\x00\x00\x01\xba", "an MPEG film", _CONVERT),
+    (0, b"\x00\x00\x01\xb3", "an MPEG film", _CONVERT),
+    (0, b"\x30\x26\xb2\x75", "a Windows Media film (WMV)", _CONVERT),
+    (0, b"FLV\x01", "a Flash film (FLV)", _CONVERT),
+    (0, b"OggS", "an Ogg film", _CONVERT),
+    (0, b"YUV4MPEG2", "a YUV4MPEG film (Y4M)", _CONVERT),
+    (0, b"\x06\x0e\x2b\x34", "an MXF film", _CONVERT),
     (0, b"%PDF", "a PDF", _PICTURE),
     (0, b"#Insight Transform", "a transform of ITK", "Give it to calibration import, and here the recording"),
     (0, b"version https://git-lfs", "a pointer of Git LFS, without what it points to", "Fetch the file: git lfs pull"),
@@ -46,6 +55,9 @@ _KINDS = (
 )
 """(offset, first bytes by the format's own definition, what it is, what to do). One row more recognises one more
 file."""
+_PACKETS = ((0, 188), (4, 192))
+"""(offset, bytes) of the packets of an MPEG transport stream, of which each begins with a G; a camcorder puts a time of
+4 bytes before each."""
 _EDITED = (
     (b"\xff\xfe", "UTF-16 text"),
     (b"\xfe\xff", "UTF-16 text"),
@@ -78,11 +90,19 @@ def refuse_foreign(head: bytes, path: Path) -> None:
 
 def refuse_known(head: bytes, path: Path, wanted: str) -> None:
     """Raises RecordingError for a kind that is known, and is not what is wanted."""
-    for offset, magic, kind, way in _KINDS:
-        if head[offset:].startswith(magic):
-            raise RecordingError(f"is {kind}, not {wanted}", str(path), way)
+    for kind, way in _kinds_of(head):
+        raise RecordingError(f"is {kind}, not {wanted}", str(path), way)
 
 
 def kind_of(head: bytes) -> str:
     """Returns the kind of a file by its first HEAD_BYTES, such as "an HDF5 file"; empty if it is not recognised."""
-    return next((kind for offset, magic, kind, _ in _KINDS if head[offset:].startswith(magic)), "")
+    return next((kind for kind, _ in _kinds_of(head)), "")
+
+
+def _kinds_of(head: bytes) -> Iterator[tuple[str, str]]:
+    """(what it is, what to do), of each kind that begins so."""
+    for offset, magic, kind, way in _KINDS:
+        if head[offset:].startswith(magic):
+            yield kind, way
+    if any(head[begin::size][:2] == b"GG" for begin, size in _PACKETS):
+        yield "an MPEG transport stream (TS)", _CONVERT

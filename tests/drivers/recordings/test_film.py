@@ -16,6 +16,7 @@ from tests.support.recordings import picture, turn
 
 SIZE_PX = (64, 48)
 FPS = 25
+DATA = Path(__file__).parents[2] / "data"
 
 
 def film(path: Path, count: int = 10) -> Path:
@@ -246,6 +247,32 @@ def test_a_time_that_is_none_is_told_with_what_to_write(tmp_path: Path, cell: st
     table.write_text(f"t_s,x_mm,y_mm,z_mm,qw,qx,qy,qz\n{cell},1,2,3,1,0,0,0\n")
     with pytest.raises(RecordingError, match=said):
         PoseTable(table).stamp_ns(0)
+
+
+@pytest.mark.parametrize(
+    ("name", "said", "remedy"),
+    [
+        ("interlaced.mkv", "gives one and the same picture 4 times: it is interlaced, or was frozen", "-vf yadif"),
+        ("av1.mkv", "counts 4 pictures, none of which can be decoded here (codec AV01)", "-c:v ffv1"),
+    ],
+)
+def test_a_film_that_cannot_be_decoded_is_told_by_its_kind(name: str, said: str, remedy: str) -> None:
+    """The interlaced one was judged, by what the memory held."""
+    with pytest.raises(RecordingError) as told:
+        Film(DATA / name)
+    assert said in told.value.what
+    assert remedy in told.value.remedy
+    assert name in told.value.remedy
+
+
+def test_a_film_that_is_frozen_for_a_while_is_read(tmp_path: Path) -> None:
+    writer = cv2.VideoWriter(
+        str(tmp_path / "a.mkv"), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*"FFV1"), FPS, SIZE_PX, False
+    )
+    for index in range(6):
+        writer.write(picture(index // 5, SIZE_PX))
+    writer.release()
+    assert len(Film(tmp_path / "a.mkv")) == 6
 
 
 def test_a_film_that_has_lost_its_end_says_how_many_pictures(tmp_path: Path) -> None:
