@@ -31,6 +31,9 @@ measured.
 _POOR_FIT_MM = 0.5
 """Median RMS of the markers: two thirds of the shipped limit, .75 mm, so that a person hears of it before the alarm."""
 
+_ALIKE = 10
+"""Pictures, a third of a second at 30 Hz. Fewer complain of a short look at a digital picture that rests; more let a
+source that gives nothing but its memory pass as good. Not measured."""
 _NOTHING = "nothing"
 """Last line of a source that gave nothing to use."""
 
@@ -286,6 +289,10 @@ def complaints(measured: Measured, time_remedy: str = "") -> Iterator[str]:
     far_mm = max(places_mm, default=math.inf)
     if far_mm <= NEAREST_MM:
         yield f"all poses lie within {far_mm:.2g} mm of the origin. Have the sender use mm; it may use metres"
+    images = [sample.image for sample in measured.samples if isinstance(sample, Frame)]
+    if len(images) >= _ALIKE and all(np.array_equal(image, images[0]) for image in images):
+        what = f"all {len(images)} pictures are the same"
+        yield f"{what}. Move the probe, end the scanner's freeze; of an interlaced stream OpenCV decodes no picture"
     quality = time_quality(measured.samples, measured.arrivals_ns)
     if quality is not None and quality.bound_ms > _LOOSE_BOUND_MS:
         known = f"the time is known only to ± {quality.bound_ms:.0f} ms in the median"

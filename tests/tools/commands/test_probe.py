@@ -272,11 +272,19 @@ def test_times_that_scatter_are_poor() -> None:
 
 
 def test_what_the_device_knows_of_its_time_is_the_remedy() -> None:
-    loose = [Frame(Stamp(n * 40 * MS, 100 * MS), n, np.zeros((24, 32), np.uint8)) for n in range(10)]
+    loose = [Frame(Stamp(n * 40 * MS, 100 * MS), n, np.full((24, 32), n, np.uint8)) for n in range(10)]
     measured = Measured(list(loose), [frame.stamp.t_ns for frame in loose])
     known = "the time is known only to ± 100 ms in the median. "
     assert list(complaints(measured, "Have the server stamp")) == [known + "Have the server stamp"]
     assert list(complaints(measured)) == [known + "Measure longer, or look for what delays the line"]
+
+
+@pytest.mark.parametrize(("differ", "poor"), [(False, True), (True, False)])
+def test_pictures_that_are_all_the_same_are_poor(differ: bool, poor: bool) -> None:
+    """As OpenCV gives them of an interlaced stream, each what its memory held."""
+    frames = [Frame(Stamp(n * 40 * MS, 1000), n, np.full((24, 32), differ and n, np.uint8)) for n in range(10)]
+    told = list(complaints(Measured(list(frames), [frame.stamp.t_ns for frame in frames])))
+    assert any("all 10 pictures are the same" in one for one in told) is poor
 
 
 def test_pictures_are_described() -> None:
