@@ -30,8 +30,13 @@ from drivers.video.crop import FLIPS
 _MOST_PICTURES = 1_000_000
 """Pictures of a film: nine hours at 30 Hz, whose times are all kept. A damaged film may have no end."""
 _COMPLETE = 0.9
-"""Share of the pictures that a header counts. Where the rate varies it counts by the duration, some too many; less lets
-a film pass that has lost its end. Not measured."""
+"""Share of the pictures that a header counts, and of the time that they take: where the rate varies Matroska has fewer
+pictures than are counted, by the duration. Less lets a film pass that has lost its end. Not measured."""
+_DARK = 64
+"""Of 255. The brightest pixel of ultrasound is saturated or nearly so; more refuses a dim film, less takes values of
+12 or 14 bits in pixels of 16 for a black picture. Not measured."""
+_LOOKED_AT = 10
+"""Pictures of which the brightest pixel is found: more costs decoding, fewer may be of a probe in the air."""
 _LISTS = (b"#EXTM3U", b"ffconcat", b"ID3")
 """Beginnings of files that FFmpeg takes for lists of other films, wherever those lie, and of the tag that it skips
 before it looks for such a beginning."""
@@ -116,15 +121,18 @@ class Film:
         cv2.utils.logging.setLogLevel(0)
         film = cv2.VideoCapture(str(self.path), cv2.CAP_FFMPEG)
         if not film.isOpened():
-            raise RecordingError("cannot be decoded as a film", str(self.path), "Convert it to MP4 or MKV")
+            remedy = "Copy it again where it is cut, else convert it to MP4 or MKV"
+            raise RecordingError("cannot be decoded as a film", str(self.path), remedy)
         return film
 
     def _looked_through(self) -> tuple[list[int], tuple[int, int], int]:
         """(times of all pictures, ns; width and height; how many pictures the header counts, 0 where it does not)."""
-        film, times_ns, seen = self._opened(), list[int](), _Alike()
+        film, times_ns, seen = self._opened(), list[int](), _Look()
         try:
             told = film.get(cv2.CAP_PROP_FRAME_COUNT)
             counted = round(told) if 0 < told < _MOST_PICTURES else 0
+            lasts_s = counted / film.get(cv2.CAP_PROP_FPS) if film.get(cv2.CAP_PROP_FPS) > 0 else 0.0
+            deep_bits = _deep_grey(round(film.get(cv2.CAP_PROP_CODEC_PIXEL_FORMAT)))
             size_px = round(film.get(cv2.CAP_PROP_FRAME_WIDTH)), round(film.get(cv2.CAP_PROP_FRAME_HEIGHT))
             if size_px[0] * size_px[1] > MAX_PIXELS:
                 what = f"has {size_px[0]} × {size_px[1]} pixels; more than {MAX_PIXELS} are no picture of a scanner"
@@ -144,26 +152,45 @@ class Film:
             what = f"gives one and the same picture {len(times_ns)} times: it is interlaced, or was frozen throughout"
             remedy = f"Make interlaced pictures whole: ffmpeg -i {self.path.name} -vf yadif -c:v ffv1 new.mkv"
             raise RecordingError(what, str(self.path), remedy)
+        if deep_bits and seen.brightest < _DARK:
+            what = (
+                f"has pixels of {deep_bits} bits, none of which comes to a quarter of white, as of 12 bits stored in 16"
+            )
+            raise RecordingError(
+                what, str(self.path), "Spread all pictures alike over 8 bits of grey, and store them anew"
+            )
         first_ns = times_ns[0]
-        return [t_ns - first_ns for t_ns in times_ns], size_px, counted
+        is_whole = times_ns[-1] - first_ns >= _COMPLETE * lasts_s * 1e9
+        return [t_ns - first_ns for t_ns in times_ns], size_px, 0 if is_whole else counted
 
 
-class _Alike:
-    """Whether all pictures are the same so far. FFmpeg's scaler refuses interlaced ones, OpenCV passes that over and
-    gives whatever its memory holds, each time the same.
+def _deep_grey(pixel_format: int) -> int:
+    """Bits of a pixel of grey where they are more than 8, else 0. FFmpeg tags such pixels Y, 1, 0, bits, or reversed."""
+    tag = (pixel_format & 0xFFFFFFFF).to_bytes(4, "little")
+    tag = tag if tag[:1] == b"Y" else tag[::-1]
+    return tag[3] if tag[:3] == b"Y1\0" and tag[3] > 8 else 0
+
+
+class _Look:
+    """What the first pictures show. alike: whether all are the same so far: FFmpeg's scaler refuses interlaced ones,
+    OpenCV passes that over and gives whatever its memory holds, each time the same. brightest: pixel of them, of 255.
     """
 
     def __init__(self) -> None:
-        self.alike = True
+        self.alike, self.brightest, self._count = True, 0, 0
         self._first: np.ndarray | None = None
 
     def look(self, film: cv2.VideoCapture) -> None:
-        """At the picture that was grabbed last; at none any more once two have differed."""
-        if not self.alike:
+        """At the picture that was grabbed last; at none any more once enough was seen and two have differed."""
+        if not self.alike and self._count >= _LOOKED_AT:
             return
-        picture = film.retrieve()[1]
-        self.alike = self._first is None or np.array_equal(picture, self._first)
+        there, picture = film.retrieve()
+        if not there:
+            return
+        self._count += 1
+        self.alike = self.alike and (self._first is None or np.array_equal(picture, self._first))
         self._first = picture
+        self.brightest = max(self.brightest, int(picture.max()))
 
 
 _OWN_WORDS = {status.value: status for status in PoseStatus if status is not PoseStatus.OK}

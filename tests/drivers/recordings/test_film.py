@@ -265,6 +265,22 @@ def test_a_film_that_cannot_be_decoded_is_told_by_its_kind(name: str, said: str,
     assert name in told.value.remedy
 
 
+def test_a_film_of_varying_rate_is_not_cut(tmp_path: Path) -> None:
+    """Matroska counts by the duration: a film that pauses has fewer pictures than that."""
+    path = tmp_path / "slow.mkv"
+    path.write_bytes((DATA / "varying.mkv").read_bytes())
+    slow = Film(path)
+    assert (len(slow), slow.lacking) == (8, 0)
+    assert [round(slow.stamp_ns(index) / 1e6) for index in range(8)] == [0, 40, 80, 120, 2000, 2040, 2080, 2120]
+
+
+def test_12_bits_in_pixels_of_16_are_no_black_picture(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError) as told:
+        Film(DATA / "grey12in16.mkv")
+    assert "has pixels of 16 bits, none of which comes to a quarter of white" in told.value.what
+    assert "8 bits" in told.value.remedy
+
+
 def test_a_film_that_is_frozen_for_a_while_is_read(tmp_path: Path) -> None:
     writer = cv2.VideoWriter(
         str(tmp_path / "a.mkv"), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*"FFV1"), FPS, SIZE_PX, False
