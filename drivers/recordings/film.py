@@ -165,7 +165,7 @@ class Film:
 
 
 def _deep_grey(pixel_format: int) -> int:
-    """Bits of a pixel of grey where they are more than 8, else 0. FFmpeg tags such pixels Y, 1, 0, bits, or reversed."""
+    """Bits of a pixel of grey where they are more than 8, else 0. FFmpeg tags them Y, 1, 0, bits, or reversed."""
     tag = (pixel_format & 0xFFFFFFFF).to_bytes(4, "little")
     tag = tag if tag[:1] == b"Y" else tag[::-1]
     return tag[3] if tag[:3] == b"Y1\0" and tag[3] > 8 else 0

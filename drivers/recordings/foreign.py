@@ -15,6 +15,7 @@ _BLACK_BOX = "A black box: probewatch replay FILE, or probewatch export it to .i
 _UNPACK = "Unpack it, and give the .igs.mha or .mhd that is in it; save a spreadsheet of poses as CSV"
 _AS_CSV = "Save its table of poses as CSV (docs/black-box.md has the columns)"
 
+_ARRAYS = "Give arrays to appliance.api.judge (docs/python.md)"
 _CONVERT = "Convert it to MP4 or MKV, and give its poses with --poses"
 
 _KINDS = (
@@ -26,13 +27,20 @@ _KINDS = (
     (0, b"MATLAB", "a MATLAB file", "Write its pictures and poses as a PLUS sequence (.igs.mha)"),
     (0, b"\x89PNG", "a single picture (PNG)", _PICTURE),
     (0, b"\xff\xd8\xff", "a single picture (JPEG)", _PICTURE),
-    (0, b"\x93NUMPY", "a NumPy array", "Give arrays to appliance.api.judge (docs/python.md)"),
+    (0, b"\x93NUMPY", "a NumPy array", _ARRAYS),
     (344, b"n+1", "a NIfTI volume", _VOLUME),
     (0, b"\x5c\x01\x00\x00", "a NIfTI volume", _VOLUME),
     (0, b"GIF8", "a GIF", _CONVERT),
     (0, b"BM", "a single picture (BMP)", _PICTURE),
     (0, b"II*\x00", "a TIFF picture", _PICTURE),
     (0, b"MM\x00*", "a TIFF picture", _PICTURE),
+    (0, b"II+\x00", "a TIFF picture", _PICTURE),
+    (0, b"MM\x00+", "a TIFF picture", _PICTURE),
+    (0, b"# vtk DataFile", "a VTK file", _VOLUME),
+    (0, b"\x1c\x02\x00\x00", "a NIfTI volume", _VOLUME),
+    (0, b"\x80\x04\x95", "a pickle of Python", _ARRAYS),
+    (0, b"\x80\x05\x95", "a pickle of Python", _ARRAYS),
+    (0, b"{", "a JSON file", "Write its pictures and poses as a PLUS sequence (.igs.mha), or its poses as CSV"),
     (0, b"CDF\x01", "a NetCDF or MINC file", "Write its pictures and poses as a PLUS sequence (.igs.mha)"),
     (0, b"CDF\x02", "a NetCDF or MINC file", "Write its pictures and poses as a PLUS sequence (.igs.mha)"),
     (0, b"\x00\x00\x01\xba", "an MPEG film", _CONVERT),
@@ -48,7 +56,12 @@ _KINDS = (
     (0, b"<!DOCTYPE html", "a web page", "A download has failed: load the file itself"),
     (0, b"<html", "a web page", "A download has failed: load the file itself"),
     (0, b"<", "an XML file", "Give a device set as --calibration, and here the recording (.igs.mha or .mhd)"),
-    (0, b"PK\x03\x04", "a ZIP archive or a spreadsheet (XLSX)", _UNPACK),
+    (
+        0,
+        b"PK\x03\x04",
+        "a ZIP archive, a spreadsheet (XLSX) or NumPy arrays",
+        f"{_UNPACK}; NumPy arrays are for appliance.api",
+    ),
     (0, b"\xd0\xcf\x11\xe0", "an Office file (XLS)", _AS_CSV),
     (0, b"\x1f\x8b", "a gzip archive", _UNPACK),
     (0, b"7z\xbc\xaf", "a 7z archive", _UNPACK),

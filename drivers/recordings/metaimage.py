@@ -50,6 +50,8 @@ _CHANNELS, _SKIPPED = "ElementNumberOfChannels", "HeaderSize"
 _DECIMAL_COMMA = re.compile(r"[+-]?[0-9]+,[0-9]+")
 """A number as spreadsheets and programs write it in countries with a decimal comma."""
 _REAL = re.compile(r"[-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?")
+_WITHOUT_LAST_ROW = 12
+"""Numbers of a matrix without 0 0 0 1."""
 FRAME_KEY = re.compile(r"Seq_Frame([0-9]{1,9})_(\S+)")
 
 
@@ -103,7 +105,7 @@ class MetaImage:
         except InvalidOperation:
             seconds = Decimal("NaN")
         if not seconds.is_finite() or not -MAX_STAMP_S <= seconds <= MAX_STAMP_S:
-            remedy = "Is it in ms? Divide by 1000" if seconds.is_finite() else "Record again, or fix this line"
+            remedy = _likely_unit(seconds) if seconds.is_finite() else "Write it in seconds, such as 12.345"
             remedy = "Write it with a decimal point" if _DECIMAL_COMMA.fullmatch(text) else remedy
             raise _refusal(self.path, key, f"{text!r} is not a time in seconds", remedy)
         return round(seconds * 1_000_000_000)
@@ -263,7 +265,7 @@ def checked_header(
     width, height, count = _dimensions(path, general)
     if not count:
         raise RecordingError("holds no frames", str(path), "Record again, or give another file")
-    entries = _entries(path, frames, count)
+    entries = _entries(path, frames, count, (width, height))
     local = general["ElementDataFile"].upper() == "LOCAL"
     skipped = _integer(path, _SKIPPED, general.get(_SKIPPED, "0"))
     data_path = path if local else _beside(path, general["ElementDataFile"])
@@ -303,8 +305,8 @@ def _bytes_of(sequence: MetaImage) -> int:
     return width * height * sequence._channels * len(sequence.frames)
 
 
-def _entries(path: Path, frames: dict[int, dict[str, str]], count: int) -> list[dict[str, str]]:
-    """The fields of each frame."""
+def _entries(path: Path, frames: dict[int, dict[str, str]], count: int, sides: tuple[int, int]) -> list[dict[str, str]]:
+    """The fields of each frame. sides: width and height as the header has them."""
     entries = from_zero(frames, count)
     if entries is not None:
         return entries
@@ -320,6 +322,10 @@ def _entries(path: Path, frames: dict[int, dict[str, str]], count: int) -> list[
         what = f"numbers its {count} frames from {numbers}, without {gap}"
         raise RecordingError(f"the header {what}", str(path), "Number them one after the other, from 0 or from 1")
     what = f"says {count} frames, the header has fields of {len(frames)}, numbered {numbers}"
+    if len(frames) in sides and max(frames) - min(frames) == len(frames) - 1:
+        what = f"has the {len(frames)} frames not as its last number, which is {count}"
+        remedy = "Write columns, rows, frames; a NumPy array has them the other way round"
+        raise _refusal(path, "DimSize", what, remedy)
     if len(frames) < count and gap is not None and gap < max(frames):
         raise _refusal(path, "DimSize", f"{what}, none of frame {gap}", "Give that frame its fields, or record again")
     raise _refusal(path, "DimSize", what, "The header is cut or was edited; copy the file again")
@@ -332,6 +338,7 @@ def _beside(path: Path, name: str) -> Path:
     if name.split()[:1] == ["LIST"] or "%" in name:
         what = f"is {name[:60]!r}: a file for each picture"
         raise _refusal(path, "ElementDataFile", what, "Store all pictures in one file, as PLUS does")
+    name = name.removeprefix("./")
     key, remedy = "ElementDataFile", "Put the file with the pictures beside the header, and name it without a folder"
     if "/" in name or "\\" in name or name in ("", ".", ".."):
         raise _refusal(path, key, f"{name[:60]!r} is not the name of a file beside the header", remedy)
@@ -405,7 +412,27 @@ def _sixteen_numbers(path: Path, key: str, text: str) -> Matrix4:
     try:
         return np.array([float(word) for word in text.split()]).reshape(4, 4)
     except ValueError:
-        raise _refusal(path, key, f"{text[:60]!r} is not sixteen numbers", "Record again, or fix this line") from None
+        raise _refusal(path, key, f"{text[:60]!r} is not sixteen numbers", _how_sixteen(text)) from None
+
+
+def _how_sixteen(text: str) -> str:
+    """What to do about a matrix in another form."""
+    words = text.split()
+    if words and all(_DECIMAL_COMMA.fullmatch(word) or _REAL.fullmatch(word) for word in words) and "," in text:
+        return "Write it with decimal points"
+    bare = re.sub(r"[\[\](){},;]", " ", text)
+    if bare != text and _is_sixteen(bare):
+        return "Write blanks alone between the numbers, no brackets, commas or semicolons"
+    if len(words) == _WITHOUT_LAST_ROW and all(map(_REAL.fullmatch, words)):
+        return "It has 12: append the last row, 0 0 0 1"
+    return "Record again, or fix this line"
+
+
+def _likely_unit(time: Decimal) -> str:
+    """What to do about a time that is too large to be one in seconds."""
+    units = (("ms", 1000), ("µs", 1_000_000), ("ns", 1_000_000_000))
+    likely = (f"Is it in {unit}? Divide by {per_s}" for unit, per_s in units if time.copy_abs() <= MAX_STAMP_S * per_s)
+    return next(likely, "Record again, or fix this line")
 
 
 def _is_sixteen(text: str) -> bool:

@@ -154,6 +154,9 @@ def _as_metaimage(path: Path, general: dict[str, str], encoding: str, named: str
     if [kind for _, kind in axes if kind in ("list", "time")] == [] or len(axes) > _MOST_AXES:
         what = f"kinds '{general.get('kinds', '')}' and sizes '{general.get('sizes', '')}' are not those of a sequence"
         raise RecordingError(what, str(path), "Store the whole sequence, as PLUS and 3D Slicer do: domain domain list")
+    if axes[-1] in _COLOURS:
+        what = f"kinds '{general['kinds']}': its colours are stored as pictures of their own, on the last axis"
+        raise RecordingError(what, str(path), "Store the colours of each pixel together: RGB-color as the first axis")
     if axes[0][1] in ("list", "time"):
         what = f"kinds '{general['kinds']}': its pictures are stored pixel by pixel, as older versions of 3D Slicer do"
         raise RecordingError(what, str(path), "Open it in a newer 3D Slicer and save it again, or record with PLUS")
@@ -186,6 +189,9 @@ def _read_header(stream: BinaryIO, path: Path) -> tuple[dict[str, str], dict[int
             break
         if number and not text.startswith("#"):
             _take(text, path, general, frames)
+        if general.get("data file", general.get("datafile", "")).split()[:1] == ["LIST"]:
+            what = "data file is LIST: a file for each picture"
+            raise RecordingError(what, str(path), "Store all pictures in one file, as 3D Slicer and PLUS do")
     raise RecordingError("the header is longer than any of PLUS", str(path), "Record in shorter parts")
 
 

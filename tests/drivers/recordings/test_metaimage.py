@@ -175,6 +175,40 @@ def test_transform_status_is_kept(raw, word, status):
     assert "ProbeToTracker" in reading.reason
 
 
+@pytest.mark.parametrize(
+    ("numbers", "remedy"),
+    [
+        ("1,0 0,0 0 0 0 1 0 0 0 0 1 0 0 0 0 1", "Write it with decimal points"),
+        ("[1 0 0 0; 0 1 0 0; 0 0 1 0; 0 0 0 1]", "Write blanks alone between the numbers"),
+        ("1,0,0,0,0,1,0,0,0,0,1,0,0,0,0,1", "Write blanks alone between the numbers"),
+        ("1 0 0 0 0 1 0 0 0 0 1 0", "It has 12: append the last row, 0 0 0 1"),
+        ("1 0 0", "Record again, or fix this line"),
+    ],
+)
+def test_a_matrix_in_another_form_is_told_with_what_to_write(raw, numbers, remedy):
+    key = "Seq_Frame0000_ProbeToTrackerTransform = "
+    edit(raw, key.encode(), f"{key}{numbers}\nX = ".encode())
+    with pytest.raises(RecordingError) as told:
+        read_metaimage(raw).transform(0, "ProbeToTracker")
+    assert remedy in told.value.remedy
+
+
+@pytest.mark.parametrize(
+    ("time", "remedy"),
+    [
+        ("1700000000000", "Is it in ms? Divide by 1000"),
+        ("1700000000000000", "Is it in µs? Divide by 1000000"),
+        ("1700000000000000000", "Is it in ns? Divide by 1000000000"),
+        ("2026-01-01T10:00:00", "Write it in seconds, such as 12.345"),
+    ],
+)
+def test_a_time_in_another_unit_is_told_with_it(raw, time, remedy):
+    edit(raw, b"Timestamp = 2588.141729000", f"Timestamp = {time}".encode())
+    with pytest.raises(RecordingError) as told:
+        read_metaimage(raw).stamp_ns(0)
+    assert told.value.remedy == remedy
+
+
 @pytest.mark.parametrize("numbers", ["1 2 3", "one " * 16, "1 " * 17, ""])
 def test_text_that_is_not_sixteen_numbers_is_refused(raw, numbers):
     edit(

@@ -103,6 +103,11 @@ def changed(path: Path, old: bytes, new: bytes) -> Path:
         (b"kinds: domain domain domain list", b"kinds: list domain domain domain", "stored pixel by pixel"),
         (b"kinds: domain domain domain list", b"kinds: domain domain domain domain", "not those of a sequence"),
         (b"kinds: domain domain domain list", b"kinds: vector domain domain list", "not domain domain list"),
+        (
+            b"encoding: gzip",
+            b"encoding: gzip\ndata file: LIST\na.raw\nb.raw",
+            "data file is LIST: a file for each picture",
+        ),
         (b"sizes: 7 5 1 4", b"sizes: 7 5 1 5", "sizes says 5 frames"),
         (b"sizes: 7 5 1 4", b"sizes: 7 5 4 1", "not width, height"),
         (b"sizes: 7 5 1 4", b"sizes: 99999 99999 1 4", "not width, height"),
@@ -113,6 +118,20 @@ def changed(path: Path, old: bytes, new: bytes) -> Path:
 def test_a_header_that_cannot_be_vouched_for_is_refused(path: Path, old: bytes, new: bytes, what: str) -> None:
     with pytest.raises(RecordingError, match=what):
         open_recording(changed(path, old, new))
+
+
+def test_axes_in_the_order_of_numpy_are_told_as_that(path: Path) -> None:
+    changed(path, b"sizes: 7 5 1 4", b"sizes: 4 5 7")
+    with pytest.raises(
+        RecordingError, match=r"sizes has the 4 frames not as its last number, which is 7\. Write columns"
+    ):
+        open_recording(changed(path, b"kinds: domain domain domain list", b"kinds: domain domain list"))
+
+
+def test_colours_as_the_last_axis_are_told_as_that(path: Path) -> None:
+    changed(path, b"sizes: 7 5 1 4", b"sizes: 7 5 4 3")
+    with pytest.raises(RecordingError, match="its colours are stored as pictures of their own"):
+        open_recording(changed(path, b"kinds: domain domain domain list", b"kinds: domain domain list RGB-color"))
 
 
 def test_a_file_cut_anywhere_is_refused_and_never_taken_for_whole(path: Path) -> None:

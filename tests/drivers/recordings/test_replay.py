@@ -298,6 +298,6 @@ def test_poses_by_another_clock_are_told_with_both_spans(tmp_path, session):
 
 def test_a_time_since_1970_in_ms_is_told_as_ms(tmp_path):
     path = written(tmp_path / "a.mha", items())
-    path.write_bytes(path.read_bytes().replace(b"Timestamp = 2588.141729", b"Timestamp = 1700000000000"))
+    path.write_bytes(path.read_bytes().replace(b"Timestamp = 2588.141729000", b"Timestamp = 1700000000000"))
     with pytest.raises(RecordingError, match="Is it in ms"):
         open_recording(path)
