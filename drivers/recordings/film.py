@@ -49,6 +49,9 @@ _OTHER_SEPARATORS = {";": "semicolons", "\t": "tabs", "|": "bars", " ": "spaces"
 _NUMBER = re.compile(r"[-+0-9.eE]+")
 _MOST_NAMES = 16
 """Most columns that are listed: those of a transform and some beside it. More fills the screen; less hides columns."""
+_MOST_QUOTED = 40
+"""Characters of a cell that are repeated: a line of a terminal has 80."""
+_NOT_SEEN = "Where the tracker saw nothing leave the line out, or say why in a column status"
 _MOST_LACKING = 2
 """Columns that a table lacks and is still reported as one with misspelt headings; with more all headings are listed."""
 _MOST_WORDS = 4
@@ -223,7 +226,7 @@ class PoseTable:
         if twice := [name for name in read if names.count(name) > 1]:
             raise RecordingError(f"has the column {twice[0]} twice", str(path), "Leave the wrong one out")
         for line, cells in rows:
-            if len(cells) > len(names):
+            if any(cell.strip() for cell in cells[len(names) :]):
                 what = f"line {line} has {len(cells)} values, and there are {len(names)} headings"
                 raise RecordingError(what, str(path), "Write numbers with points, and texts with commas in quotes")
         if not rows:
@@ -262,7 +265,8 @@ class PoseTable:
         if status.upper() in WITHOUT_POSE:
             return without_matrix(status.upper(), name)
         if status.upper() not in GOOD:
-            return TransformReading(None, PoseStatus.MISSING, status)
+            reason = status if " " in status else f"the status is {status[:_MOST_QUOTED]!r}, not 'ok'"
+            return TransformReading(None, PoseStatus.MISSING, reason)
         values = [self._number(index, column) for column in self._columns]
         if self._columns == _MATRIX:
             return rigid_reading(_from_rows(values), name)
@@ -281,16 +285,17 @@ class PoseTable:
             remedy = "The table is cut, or this line is: copy it again"
             raise RecordingError(f"line {self._lines[index]} ends before {column}", str(self.path), remedy)
         if not text.strip():
-            remedy = "Where the tracker saw nothing leave the line out, or say why in a column status"
-            raise RecordingError(f"line {self._lines[index]}, {column} is empty", str(self.path), remedy)
+            raise RecordingError(f"line {self._lines[index]}, {column} is empty", str(self.path), _NOT_SEEN)
         try:
             return float(text)
         except ValueError:
             raise self._refused(index, column, "is not a number") from None
 
     def _refused(self, index: int, column: str, what: str) -> RecordingError:
-        said = self._rows[index].get(column, "")[:40]
-        remedy = "Give seconds as numbers, such as 0.033" if column == "t_s" else "Mend this line"
+        said = self._rows[index].get(column, "")[:_MOST_QUOTED]
+        remedy = "Write it with a decimal point and no other mark" if "," in said else "Mend this line"
+        remedy = _NOT_SEEN if said.strip().isalpha() else remedy
+        remedy = "Give seconds as numbers, such as 0.033" if column == "t_s" else remedy
         return RecordingError(f"line {self._lines[index]}, {column} {said!r} {what}", str(self.path), remedy)
 
 
@@ -345,7 +350,9 @@ def _no_table(names: list[str]) -> tuple[str, str]:
         return "begins with numbers and not with a line of headings", f"Write one above: {wanted}"
     lacking = min((_lacking(names, one) for one in (_MATRIX, _QUATERNION)), key=len)
     if len(lacking) <= _MOST_LACKING:
-        return f"lacks the column {' and '.join(lacking)}", f"Name its columns {wanted}"
+        others = [name for name in names if name and name not in (*_MATRIX, *_QUATERNION, "t_s", "status", "sequence")]
+        has = f"; it has {', '.join(others[:_MOST_NAMES])}" if others else ""
+        return f"lacks the column {' and '.join(lacking)}{has}", f"Name its columns {wanted}, in seconds and mm"
     said = ", ".join(names[:_MOST_NAMES]) + (", …" if len(names) > _MOST_NAMES else "")
     return f"has the columns {said}", f"Name them {wanted}; docs/black-box.md explains them"
 

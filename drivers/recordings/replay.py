@@ -322,8 +322,9 @@ def _in_time_order(sequence: Sequence) -> tuple[tuple[tuple[int, int], ...], int
             kept.append((t_ns, index))
     dropped = len(sequence) - len(kept)
     if dropped > _MAX_DISORDER * len(sequence):
-        what = f"the Timestamp of {dropped} of {len(sequence)} frames is not later than the one before"
-        raise RecordingError(what, str(sequence.path), "Record again; without true times nothing can be verified")
+        what = f"the time of {dropped} of {len(sequence)} entries is not later than the one before"
+        remedy = "Sort them by time and leave doubles out where the times are true, else record again"
+        raise RecordingError(what, str(sequence.path), remedy)
     steps_ns = sorted(later - earlier for (earlier, _), (later, _) in pairwise(kept))
     if len(steps_ns) > 1 and (median_ns := steps_ns[len(steps_ns) // 2]) > SLOWEST_NS:
         what = f"its entries are {median_ns / 1e9:.4g} s apart, the median: too slow to be a scan, or not in seconds"

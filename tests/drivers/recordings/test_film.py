@@ -64,6 +64,8 @@ def test_pictures_and_poses_come_in_order_of_time(tmp_path: Path) -> None:
         ("missing", PoseStatus.MISSING, "missing"),
         ("REQ_TIMEOUT", PoseStatus.STALE, "ProbeToTracker is REQ_TIMEOUT"),
         ("behind the drape", PoseStatus.MISSING, "behind the drape"),
+        ("1", PoseStatus.MISSING, "the status is '1', not 'ok'"),
+        ("True", PoseStatus.MISSING, "the status is 'True', not 'ok'"),
     ],
 )
 def test_a_status_in_a_table_is_ours_a_word_of_plus_or_else_why_there_is_none(
@@ -224,6 +226,32 @@ def test_a_quaternion_of_another_length_is_told_by_it(tmp_path: Path, quaternion
     assert (wrong.matrix, wrong.status) == (None, PoseStatus.NOT_UNDERSTOOD)
     assert rounded.matrix is not None
     assert unknown.reason == "ProbeToTracker is not finite"
+
+
+@pytest.mark.parametrize(
+    ("head", "line", "said"),
+    [
+        (
+            "",
+            "0,MISSING,2,3,1,0,0,0",
+            "x_mm 'MISSING' is not a number. Where the tracker saw nothing leave the line out",
+        ),
+        ("", '0,"1,493.5",2,3,1,0,0,0', "x_mm '1,493.5' is not a number. Write it with a decimal point and no other"),
+        ("", "0,1 mm,2,3,1,0,0,0", "x_mm '1 mm' is not a number. Mend this line"),
+        ("t_ms,", "", "lacks the column t_s; it has t_ms. Name its columns t_s and .* in seconds and mm"),
+    ],
+)
+def test_what_is_wrong_in_a_table_has_its_own_remedy(tmp_path: Path, head: str, line: str, said: str) -> None:
+    table = tmp_path / "poses.csv"
+    table.write_text(f"{head or 't_s,'}x_mm,y_mm,z_mm,qw,qx,qy,qz\n{line}\n")
+    with pytest.raises(RecordingError, match=said):
+        PoseTable(table).transform(0, "ProbeToTracker")
+
+
+def test_empty_cells_behind_the_last_heading_are_passed_over(tmp_path: Path) -> None:
+    table = tmp_path / "poses.csv"
+    table.write_text("t_s,x_mm,y_mm,z_mm,qw,qx,qy,qz\n0,1,2,3,1,0,0,0,,\n")
+    assert PoseTable(table).transform(0, "ProbeToTracker").matrix is not None
 
 
 @pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-16-be"])

@@ -166,7 +166,7 @@ def test_a_matrix_whose_key_lacks_the_ending_is_told_with_what_to_write(tmp_path
 
 def test_a_clock_that_keeps_stepping_back_is_refused(tmp_path):
     path = written(tmp_path / "a.mha", items()[::-1])
-    with pytest.raises(RecordingError, match="3 of 4 frames is not later"):
+    with pytest.raises(RecordingError, match="3 of 4 entries is not later"):
         open_recording(path)
 
 
