@@ -20,8 +20,9 @@ def command(recordings: tuple[Path, ...], form: str, output: Path | None) -> Non
 
     \b
       .igs.mha, .igs.nrrd  pictures, each with the probe's pose at its own time: for 3D Slicer, PLUS and probewatch
-      csv                  every pose, the verdict and the state; with mp4's pictures, replay reads it back as --poses
-      mp4                  pictures with time, state, verdict and its reason under each
+      csv                  every pose, the verdict and the state, as a table
+      mp4                  pictures with time, state, verdict and its reason under each, at a steady rate: to look at,
+                           not to be judged again, for which there is .igs.mha
 
     \b
     Examples:

@@ -25,7 +25,7 @@ def files_sha256(paths: Iterable[Path]) -> str:
     digest = hashlib.sha256()
     for path in paths:
         try:
-            with path.open("rb") as stream:
+            with reading(path) as stream:
                 while data := stream.read(_COPY_BYTES):
                     digest.update(data)
         except OSError as error:

@@ -26,7 +26,7 @@ def found(paths: Sequence[Path]) -> tuple[list[Path | Series], list[str]]:
         files = _files(path, refused) if path.is_dir() else [path]
         for file in files:
             try:
-                if is_box(file):
+                if is_box(file) or _named_box(file):
                     boxes.append(BlackBox(file))
                 else:
                     sequences.append(file)
@@ -51,6 +51,11 @@ def _files(folder: Path, refused: list[str]) -> list[Path]:
         remedy = f"It looks for {', '.join(SUFFIXES)}; name a film or another file itself"
         raise ConfigurationError("holds no recordings", str(folder), remedy)
     return files
+
+
+def _named_box(path: Path) -> bool:
+    """Whether it is there under a black box's name, whatever is in it: an empty one has no beginning to know it by."""
+    return path.suffix.lower() == ".mcap" and path.is_file() and os.access(path, os.R_OK)
 
 
 def is_there(path: Path) -> bool:

@@ -180,3 +180,12 @@ def test_a_link_that_leads_nowhere_and_a_pipe_in_a_folder_are_told(tmp_path: Pat
     rows = {Path(row["recording"]).name: row["error"] for row in json.loads(result.stdout)["recordings"]}
     assert "No such file" in rows["gone.igs.mha"]
     assert "a pipe" in rows["pipe.mcap"]
+
+
+@pytest.mark.parametrize("content", [b"", b"no recording"])
+def test_a_file_with_the_name_of_a_black_box_that_is_none_is_told_as_such(tmp_path: Path, content: bytes) -> None:
+    """An empty one, as a power cut leaves, was told to need --calibration."""
+    (tmp_path / "cut.mcap").write_bytes(content)
+    result = CliRunner().invoke(command, [str(tmp_path / "cut.mcap")])
+    assert isinstance(result.exception, RecordingError), result.output
+    assert str(result.exception).startswith(f"{tmp_path}/cut.mcap: is not an MCAP file")
