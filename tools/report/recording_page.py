@@ -32,6 +32,7 @@ _KINDS = {
     State.INTERNAL_FAULT: "bad",
 }
 """Colours of the alarm; every other state is one of waiting."""
+_KINDS_BY_NAME = {state.value: kind for state, kind in _KINDS.items()}
 _ARROW_LEAST_PX, _ARROW_TIMES = 30, 10
 """A motion from one picture to the next is a pixel or so: it is drawn longer, by this factor or so that it is seen."""
 _NAMES = ("polarity", "latency", *PARAMETERS)
@@ -71,7 +72,11 @@ def write_recording_page(
         parts.append(section("Proposed, not applied", *(text(clause) for clause in report.proposal.text.split("; "))))
     parts += [
         section("State", _states(changes, trace.duration_s)),
-        *([] if comparison is None else [section("State as reported live", _live_states(comparison))]),
+        *(
+            []
+            if comparison is None
+            else [section("State as reported live", _live_states(comparison, trace.duration_s))]
+        ),
         section("What was missing", _missing(trace, report)),
         section("Coverage", _coverage(trace)),
         section("Path of the picture and of the tracker", *_paths(trace)),
@@ -92,9 +97,18 @@ def _states(changes: Sequence[Change], duration_s: float) -> str:
     return plot.svg("states over time") + table(("s", "state", "fault", "reason"), rows)
 
 
-def _live_states(comparison: Comparison) -> str:
+def _live_states(comparison: Comparison, duration_s: float) -> str:
+    """The same, on the same axis, of what people were told then."""
+    plot = Plot((0, max(duration_s, 1e-3)), (0, 1), "s", "", height=90)
+    ends_s = [*(one.t_ns / 1e9 for one in comparison.told[1:]), duration_s]
+    for one, end_s in zip(comparison.told, ends_s, strict=False):
+        begins_s, kind = max(one.t_ns / 1e9, 0.0), _KINDS_BY_NAME.get(one.state, "wait")
+        if end_s > begins_s:
+            plot.block(begins_s, end_s, 0.05, 0.95, kind, f"{begins_s:.1f} s {one.state}: {one.reason}")
     rows = [(f"{one.t_ns / 1e9:.2f}", one.state, one.fault or "–", one.reason) for one in comparison.told]
-    return table(("s", "state", "fault", "reason"), rows) if rows else text("The box holds no state.")
+    if not rows:
+        return text("The box holds no state.")
+    return plot.svg("states as reported live over time") + table(("s", "state", "fault", "reason"), rows)
 
 
 def _missing(trace: Trace, report: LineReport) -> str:

@@ -74,6 +74,11 @@ def test_what_was_told_live_stands_beside_what_is_told_now(tmp_path: Path) -> No
     record(tmp_path / "a.mcap", EstimatorSettings(1, reference, Limits(), 500_000_000), frames, told=live)
     page = tmp_path / "r.html"
     text, report = told(tmp_path / "a.mcap", "--json", "--html", page)
+    bars = page.read_text().partition('aria-label="states as reported live over time"')[2].partition("</svg>")[0]
+    assert re.findall(r'<rect class="(\w+)"[^>]*><title>([^<]*)', bars) == [
+        ("wait", "0.0 s not verified: too little"),
+        ("bad", "1.0 s halt: mirrored"),
+    ], "on the axis of what is told now"
     assert report["black_box"]["told_live"] == [
         {"t_s": 0.0, "state": "not verified", "fault": None, "reason": "too little"},
         {"t_s": 1.0, "state": "halt", "fault": "polarity", "reason": "mirrored"},
