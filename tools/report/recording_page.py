@@ -97,6 +97,11 @@ def _states(changes: Sequence[Change], duration_s: float) -> str:
     return plot.svg("states over time") + table(("s", "state", "fault", "reason"), rows)
 
 
+def _live(comparison: Comparison | None, duration_s: float) -> list[str]:
+    """The section of a black box; none for any other recording."""
+    return [] if comparison is None else [section("State as reported live", _live_states(comparison, duration_s))]
+
+
 def _live_states(comparison: Comparison, duration_s: float) -> str:
     """The same, on the same axis, of what people were told then."""
     plot = Plot((0, max(duration_s, 1e-3)), (0, 1), "s", "", height=90)
