@@ -11,14 +11,19 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from appliance.storage.calibration_file import calibration_bytes, calibration_from_image_to_probe, image_to_probe
+from appliance.storage.calibration_file import (
+    ITK_BEGINS,
+    calibration_bytes,
+    calibration_from_image_to_probe,
+    image_to_probe,
+)
 from appliance.types import Calibration, Vector
 from drivers.errors import ConfigurationError
 from drivers.samples import Matrix4
 
 _LPS = np.diag([-1.0, -1.0, 1.0, 1.0])
 """ITK's axes (left, posterior, superior) from Slicer's (right, anterior, superior), and back."""
-_MAGIC = "#Insight Transform File"
+_MAGIC = ITK_BEGINS.decode()
 _AFFINE = ("AffineTransform_double_3_3", "MatrixOffsetTransformBase_double_3_3")
 """Classes of ITK that hold one linear transform."""
 _MOST_BYTES = 20_000

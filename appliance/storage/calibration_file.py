@@ -4,7 +4,9 @@ PLUS names a calibration ImageToProbe: pixel (column, row, 0, 1) → mm in the f
 X⁻¹ · diag(s_x λ_x, s_y λ_y, 1) · (shift of the origin from the picture's corner to its centre), s the polarity.
 """
 
+import errno
 import json
+import re
 import tomllib
 from collections import defaultdict, deque
 from collections.abc import Mapping, Sequence
@@ -22,7 +24,7 @@ from appliance.types import PARAMETERS, Calibration, Vector
 from drivers.errors import ConfigurationError
 from drivers.files.atomic_file import check_kind, writing
 from drivers.files.markup import SAVE_AS_UTF_8, NotUtf8Error, text_of, toml_of, xml_of
-from drivers.files.regular_file import read_bounded
+from drivers.files.regular_file import read_bounded, reading
 from drivers.recordings.foreign import HEAD_BYTES, kind_of
 from drivers.rigid import nearest_rotation
 from drivers.samples import Matrix4
@@ -41,6 +43,16 @@ _MAX_TOML_BYTES = 16_000
 """Ours have 2000 or so, and the service, which reads one between two ticks, needs 30 ms for this many."""
 
 _GIVE = "Give a .toml or a PLUS .xml file"
+
+_PUT_INTO_TOML = (
+    'Write a .toml: format = "probewatch-calibration", version = 1, image_size_px = [width, height] and '
+    "image_to_probe = [[…], […], […], [0, 0, 0, 1]], its rows, px to mm"
+)
+_MOST_MATRIX_BYTES = 2000
+"""Of sixteen numbers as text, which have 25 digits at most. More is something else."""
+ITK_BEGINS = b"#Insight Transform File"
+"""First bytes of an ITK text transform."""
+_NUMBER = re.compile(r"[-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?")
 
 _UNIT_WITHIN = 1e-6
 """mm/px from 1 within which both scales were typed, not measured: calibrations keep six digits and more."""
@@ -163,8 +175,28 @@ def calibration_bytes(path: Path) -> bytes:
     try:
         return read_bounded(path, _MAX_XML_BYTES)
     except OSError as error:
+        if error.errno == errno.EFBIG and (kind := _kind_of(path)):
+            raise ConfigurationError(f"is {kind}, not a calibration", str(path), _GIVE) from None
         what = f"cannot be read: {error.strerror}"
         raise ConfigurationError(what, str(path), f"Check name and permissions. {_GIVE}") from error
+
+
+def refuse_other_kind(data: bytes, path: Path) -> None:
+    """Raises ConfigurationError for content that is recognised, and is neither TOML nor a device set of PLUS."""
+    kind = kind_of(data[:HEAD_BYTES])
+    if _is_matrix(data):
+        raise ConfigurationError("is a bare matrix of 4 x 4 numbers", str(path), _PUT_INTO_TOML)
+    if data.startswith(ITK_BEGINS):
+        remedy = "probewatch calibration import makes a .toml of it"
+        raise ConfigurationError(f"is {kind}, not a calibration file", str(path), remedy)
+    if kind and not is_device_set(data):
+        raise ConfigurationError(f"is {kind}, not a calibration", str(path), _GIVE)
+
+
+def _kind_of(path: Path) -> str:
+    with reading(path) as stream:
+        head = stream.read(HEAD_BYTES)
+    return "" if is_device_set(head) else kind_of(head)
 
 
 def check_own_name(path: Path | None) -> None:
@@ -288,10 +320,10 @@ def _from_toml(data: bytes, path: Path) -> Calibration:
     except ValidationError as error:
         raise Mistakes.found(error, _File, text, path, "Mend it, or restore the file") from None
     except NotUtf8Error as error:
-        if kind := kind_of(data[:HEAD_BYTES]):
-            raise ConfigurationError(f"is {kind}, not a calibration", str(path), _GIVE) from None
+        refuse_other_kind(data, path)
         raise ConfigurationError(str(error), str(path), SAVE_AS_UTF_8) from None
     except ValueError as error:
+        refuse_other_kind(data, path)
         if path.suffix.lower() == ".toml":
             remedy = "Mend that line: a number begins with a digit (0.1), a text stands in quotes"
             raise ConfigurationError(f"is not valid TOML: {error}", str(path), remedy) from error
@@ -302,6 +334,14 @@ def _from_toml(data: bytes, path: Path) -> Calibration:
     parts = (base.rotation, base.polarity, base.scale_mm_per_px, base.offset_mm, base.image_size_px)
     known = Calibration(*parts, covariance=covariance, observed=observed, simulated=file.simulated)
     return replace(known, face_radius_mm=file.face_radius_mm)
+
+
+def _is_matrix(data: bytes) -> bool:
+    """As MATLAB and NumPy write one."""
+    if len(data) > _MOST_MATRIX_BYTES:
+        return False
+    words = re.split(r"[\s,;\[\]]+", data.decode("ascii", "replace").strip(" \t\r\n,;[]"))
+    return len(words) == 16 and all(_NUMBER.fullmatch(word) for word in words)
 
 
 def _from_parts(file: _File, path: Path) -> Calibration:

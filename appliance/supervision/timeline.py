@@ -27,6 +27,7 @@ NEAREST_MM = 5.0
 are larger than that. More asks about healthy recordings whether they are in mm; less misses a large volume in metres,
 whose poses of 2 m look like 2 mm."""
 _NO_POSE = "no picture has a pose"
+_NO_PICTURE = "there are no pictures, without which motion shows nothing"
 _MOST_REASONS = 8
 """Most frequent reasons of poses that cannot be used. More are not read: some hold a number each."""
 
@@ -108,6 +109,8 @@ class Timeline:
         """Where most pictures have no pose, it is this that the verdict must say, and not which motion was missing."""
         report = replace(report, unusable=dict(self._unusable.most_common(_MOST_REASONS)))
         why = next(iter(report.unusable), "") or max(report.unpaired, key=report.unpaired.__getitem__, default="")
+        if not report.frames and report.verdict.kind is VerdictKind.NOT_VERIFIED:
+            return replace(report, verdict=replace(report.verdict, reason=_NO_PICTURE))
         few = 2 * report.paired < report.frames
         if not few or not why or report.verdict.kind is not VerdictKind.NOT_VERIFIED:
             return report

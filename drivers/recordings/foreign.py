@@ -2,6 +2,7 @@
 it."""
 
 from collections.abc import Iterator
+from itertools import chain
 from pathlib import Path
 
 from drivers.errors import RecordingError
@@ -68,6 +69,14 @@ _KINDS = (
 )
 """(offset, first bytes by the format's own definition, what it is, what to do). One row more recognises one more
 file."""
+_SEQUENCES = (
+    (0, b"NRRD", "an NRRD file"),
+    (0, b"ObjectType", "a MetaImage"),
+    (0, b"\x1aE\xdf\xa3", "a film"),
+    (0, b"RIFF", "a film"),
+    (4, b"ftyp", "a film"),
+)
+"""(offset, first bytes, what it is) of what is read as a recording, and is nothing else."""
 _PACKETS = ((0, 188), (4, 192))
 """(offset, bytes) of the packets of an MPEG transport stream, of which each begins with a G; a camcorder puts a time of
 4 bytes before each."""
@@ -109,7 +118,8 @@ def refuse_known(head: bytes, path: Path, wanted: str) -> None:
 
 def kind_of(head: bytes) -> str:
     """Returns the kind of a file by its first HEAD_BYTES, such as "an HDF5 file"; empty if it is not recognised."""
-    return next((kind for kind, _ in _kinds_of(head)), "")
+    own = (kind for offset, magic, kind in _SEQUENCES if head[offset:].startswith(magic))
+    return next(chain((kind for kind, _ in _kinds_of(head)), own), "")
 
 
 def _kinds_of(head: bytes) -> Iterator[tuple[str, str]]:

@@ -17,11 +17,13 @@ from appliance.service.control.client import ControlClient
 from appliance.service.control.starting import how_to_end
 from appliance.storage.calibration_exchange import device_set_text, itk_text, read_itk
 from appliance.storage.calibration_file import (
+    ITK_BEGINS,
     calibration_bytes,
     check_own_name,
     is_device_set,
     provenance_of,
     read_calibration,
+    refuse_other_kind,
     write_calibration,
 )
 from appliance.storage.device_set import clip_px, remarks
@@ -274,11 +276,14 @@ def import_file(file: Path, output: Path, image_size: tuple[int, int] | None, pr
     check_own_name(output)
     check_new(output)
     content = calibration_bytes(file)
+    is_itk = file.suffix == ".tfm" or content.startswith(ITK_BEGINS)
+    if not is_itk:
+        refuse_other_kind(content, file)
     clip = clip_px(content)
     if image_size is None and clip is None:
         raise click.UsageError("Missing option '--image-size': the file does not say how large the pictures are")
     size = image_size or (clip or (0, 0, 0, 0))[2:]
-    calibration = read_itk(file, size) if file.suffix == ".tfm" else read_calibration(file, size, probe)
+    calibration = read_itk(file, size) if is_itk else read_calibration(file, size, probe)
     for remark in remarks(content, size):
         click.secho(remark, err=True, fg="yellow")
     digest = hashlib.sha256(content).hexdigest()

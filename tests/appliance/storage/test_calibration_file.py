@@ -188,6 +188,27 @@ def test_bad_toml_is_refused_with_its_key(toml, old, new, complaint):
     assert refusal.value.remedy
 
 
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (b"0.1 0 0 10\n0 0.1 0 5\n0 0 0.1 3\n0 0 0 1\n", "is a bare matrix of 4 x 4 numbers. Write a .toml"),
+        (b"1,0,0,0\n0,1,0,0\n0,0,1,0\n0,0,0,1\n", "is a bare matrix of 4 x 4 numbers"),
+        (b"[1 0 0 0; 0 1 0 0; 0 0 1 0; 0 0 0 1]", "is a bare matrix of 4 x 4 numbers"),
+        (b"#Insight Transform File V1.0\nTransform: Affine\n", "calibration import makes a .toml of it"),
+        (b"NRRD0005\ntype: uint8\n\n\x8b", "is an NRRD file, not a calibration. Give a .toml"),
+        (b"ObjectType = Image\nNDims = 3\n" + bytes(1_100_000), "is a MetaImage, not a calibration. Give a .toml"),
+        (b"\x1aE\xdf\xa3" + bytes(1_100_000), "is a film, not a calibration"),
+        (b'{"ImageToProbe": []}\n', "is a JSON file, not a calibration"),
+    ],
+)
+def test_a_file_of_another_kind_is_told_as_that(tmp_path, content, said):
+    path = tmp_path / "probe.txt"
+    path.write_bytes(content)
+    with pytest.raises(ConfigurationError) as told:
+        read_calibration(path, (640, 480))
+    assert said in str(told.value)
+
+
 @pytest.mark.parametrize("content", [b"", b"\n \n"])
 def test_an_empty_file_is_told_as_that(tmp_path, content):
     path = tmp_path / "probe.xml"

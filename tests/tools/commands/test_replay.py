@@ -568,6 +568,8 @@ def test_a_tracker_only_recording_is_not_verified(calibration, tmp_path):
     code, out, _ = run(path, "--calibration", calibration, "--json")
     data = json.loads(out)
     assert (code, data["frames"], data["poses"], data["verdict"]) == (0, 0, 20, "NOT_VERIFIED")
+    said = run(path, "--calibration", calibration)[1].splitlines()[-1]
+    assert said.endswith("there are no pictures, without which motion shows nothing"), "it asked for more motion"
 
 
 @pytest.mark.parametrize(
