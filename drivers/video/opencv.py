@@ -152,6 +152,9 @@ class OpenCvVideo:
         number = 0
         while not self._closing.is_set():
             there, image = self._capture.read()
+            if not there and not number:
+                remedy = "Convert the film, or have the device send another codec, such as H.264"
+                raise DeviceLost("no picture of it can be decoded", self._where, remedy)
             if not there:
                 what = "the film has ended" if self._times.paced else "sends no more pictures"
                 raise DeviceLost(what, self._where, _CHECK)

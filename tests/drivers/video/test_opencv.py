@@ -48,6 +48,12 @@ def all_of(source: VideoSource) -> tuple[list[Frame], DeviceLost]:
         return frames, end
 
 
+def test_a_codec_that_cannot_be_decoded_is_no_end_of_the_film() -> None:
+    with open_video(f"opencv:{Path(__file__).parents[2] / 'data' / 'av1.mkv'}", HostClock()) as source:
+        frames, end = all_of(source)
+    assert (len(frames), end.what) == (0, "no picture of it can be decoded")
+
+
 def test_a_file_plays_at_its_own_rate_and_is_lost_at_its_end(film: Path) -> None:
     clock = HostClock()
     with open_video(f"opencv:{film}", clock) as source:
