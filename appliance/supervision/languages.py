@@ -124,6 +124,13 @@ GERMAN = {text: german for row in FAULT_ROWS.values() for text, german in row.tr
     "present motion does not show it; within its age, as no detector saw a change: {names}": (
         "von der jetzigen Bewegung nicht gezeigt; innerhalb seines Alters, da kein Detektor eine Änderung sah: {names}"
     ),
+    "reference {number} · {origin} · {name} · {sha} · since {since} UTC": (
+        "Referenz {number} · {origin} · {name} · {sha} · seit {since} UTC"
+    ),
+    "configuration": "Konfiguration",
+    "recalibration": "Neukalibrierung",
+    "went back to {number}": "zurück zu {number}",
+    "SIMULATED": "SIMULIERT",
     "deg": "Grad",
     "axes": "Achsen",
     "nothing to compare: {name}": "nichts zu vergleichen: {name}",

@@ -13,9 +13,9 @@ from tools.shared.found_recordings import found, is_there
 
 @click.command()
 @click.argument("recordings", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option("--to", "form", required=True, type=click.Choice(FORMS), help="what to write")
+@click.option("--to", "form", type=click.Choice(FORMS), help="what to write [as --output ends]")
 @click.option("--output", type=click.Path(path_type=Path), help="new file [name of the recording, in this folder]")
-def command(recordings: tuple[Path, ...], form: str, output: Path | None) -> None:
+def command(recordings: tuple[Path, ...], form: str | None, output: Path | None) -> None:
     """Write RECORDINGS, the black boxes (.mcap) of one run of the recorder, in a form of other programs.
 
     \b
@@ -35,6 +35,7 @@ def command(recordings: tuple[Path, ...], form: str, output: Path | None) -> Non
     if output is not None and not output.name.endswith(ending):
         raise click.UsageError(f"--output {output.name} does not end in {ending}")
     check_new(output)
+    form = form or _form_of(output)
     for recording in recordings:
         if not is_there(recording):
             raise RecordingError("is not there", str(recording), "Name a file that probewatch record has written")
@@ -53,3 +54,13 @@ def command(recordings: tuple[Path, ...], form: str, output: Path | None) -> Non
     if left_out:
         click.secho(f"left out: {left_out} pictures of another size than the first", err=True, fg="yellow")
     click.echo(f"written: {path}, {number} {'poses' if form == 'csv' else 'pictures'}")
+
+
+def _form_of(output: Path | None) -> str:
+    """Returns the form that the new file's name says. Raises click.UsageError where it says none."""
+    named = (
+        None if output is None else next((one for one in FORMS if output.name.endswith(f".{one.lstrip('.')}")), None)
+    )
+    if named is None:
+        raise click.UsageError(f"Missing option '--to'. Choose from: {', '.join(FORMS)}")
+    return named

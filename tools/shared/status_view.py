@@ -39,6 +39,11 @@ WORDS = {
     "silenced": "sound acknowledged",
     "off": "sound off",
     "carried": "present motion does not show it; within its age, as no detector saw a change: {names}",
+    "reference": "reference {number} · {origin} · {name} · {sha} · since {since} UTC",
+    "configuration": "configuration",
+    "recalibration": "recalibration",
+    "went back": "went back to {number}",
+    "simulated": "SIMULATED",
     "recovering": "within its limit again; good once it has stayed so for some seconds: {names}",
     **POINT_WORDS,
     **PROFILE_WORDS,
@@ -274,7 +279,7 @@ def _origin(status: Status) -> list[Text]:
     the rows of the status have a line for.
     """
     reference = status.get("reference")
-    said = [] if reference is None else [_reference(reference)]
+    said = [] if reference is None else [_reference(reference, _words(status))]
     said += _lines(STATUS, status, _language(status))
     return [Text(shown(line), style="yellow" if line.startswith("!") else "dim") for line in said]
 
@@ -289,7 +294,16 @@ def _lines(fields: Sequence[Field], holder: Status, language: str) -> Iterator[s
                 yield ((language == "de" and field.line.de) or field.line.en).format(value)
 
 
-def _reference(reference: Mapping[str, Any]) -> str:
-    origin = f"{reference['origin']}, SIMULATED" if reference["simulated"] else str(reference["origin"])
+def _reference(reference: Mapping[str, Any], say: Mapping[str, str]) -> str:
+    origin = _origin_words(str(reference["origin"]), say)
+    origin += f", {say['simulated']}" if reference["simulated"] else ""
     name, since = str(reference["file"]).rpartition("/")[2], str(reference["utc"])[:16].replace("T", " ")
-    return f"reference {reference['number']} · {origin} · {name} · {reference['sha256'][:12]} · since {since} UTC"
+    return say["reference"].format(
+        number=reference["number"], origin=origin, name=name, sha=reference["sha256"][:12], since=since
+    )
+
+
+def _origin_words(origin: str, say: Mapping[str, str]) -> str:
+    """Returns the origin in the language: it is one of three, the last of which names another reference."""
+    went_back, _, number = origin.partition("went back to ")
+    return say["went back"].format(number=number) if not went_back else say.get(origin, origin)

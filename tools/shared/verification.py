@@ -65,10 +65,19 @@ def recalibrating(client: ControlClient | None) -> Iterator[None]:
     client.begin_recalibration(_HOLD_S)
     try:
         yield
-    except BaseException:
+    except BaseException as error:
         with contextlib.suppress(ProbewatchError):
             client.abort_recalibration()
+            if isinstance(error, ProbewatchError):  # one that is interrupted is told by reporting_change
+                click.echo(_gone_back(client.status().get("reference")), err=True)
         raise
+
+
+def _gone_back(reference: Mapping[str, Any] | None) -> str:
+    """Returns what a scan or a file that was refused leaves behind: a contact that opened when it began."""
+    if reference is None:
+        return "there is no calibration, as before"
+    return f"reference {reference['number']} is in force, as before; the contact closes once motion has verified it"
 
 
 @contextlib.contextmanager

@@ -174,3 +174,12 @@ def test_pictures_of_another_size_are_left_out_with_a_word(tmp_path: Path, form:
     result = CliRunner().invoke(command, asked, catch_exceptions=False)
     assert f", {number} p" in result.output
     assert ("left out: 3 pictures of another size" in result.output) is (form != "csv")
+
+
+@pytest.mark.parametrize("name", ["scan.igs.mha", "scan.csv"])
+def test_the_form_is_what_the_new_files_name_says(box: Path, tmp_path: Path, name: str) -> None:
+    result = CliRunner().invoke(command, [str(box), "--output", str(tmp_path / name)])
+    assert (result.exit_code, (tmp_path / name).exists()) == (0, True), result.output
+    for words in ([], ["--output", str(tmp_path / "scan.avi")]):
+        refused = CliRunner().invoke(command, [str(box), *words])
+        assert (refused.exit_code, "Missing option '--to'. Choose from: " in refused.output) == (2, True)

@@ -115,6 +115,25 @@ def test_a_line_is_never_half_german() -> None:
 
 
 @pytest.mark.parametrize(
+    ("language", "origin", "said"),
+    [
+        (
+            "en",
+            "went back to 1",
+            "reference 3 · went back to 1, SIMULATED · probe.toml · 9bc342d50898 · since 2026-11-29",
+        ),
+        ("de", "went back to 1", "Referenz 3 · zurück zu 1, SIMULIERT · probe.toml · 9bc342d50898 · seit 2026-11-29"),
+        ("de", "configuration", "Referenz 3 · Konfiguration, SIMULIERT · "),
+        ("de", "recalibration", "Referenz 3 · Neukalibrierung, SIMULIERT · "),
+    ],
+)
+def test_the_reference_is_named_in_the_language_of_the_room(language: str, origin: str, said: str) -> None:
+    known = {"number": 3, "origin": origin, "simulated": True, "file": "/x/probe.toml", "sha256": "9bc342d50898" * 5}
+    shown = drawn(120, status(language, reference=known | {"utc": "2026-11-29T15:19:10+00:00"}))
+    assert any(line.startswith(said) for line in shown), shown
+
+
+@pytest.mark.parametrize(
     ("language", "said"), [("en", "no detector saw a change: offset-axial 48/120 s"), ("de", "Versatz axial 48/120 s")]
 )
 def test_what_is_carried_is_told_apart_from_what_motion_shows(language: str, said: str) -> None:
