@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
-from appliance.service.control.server import Peer
+from appliance.service.control.server import ControlRefused, Peer
 from appliance.supervision.languages import translated_text
 from appliance.types import State
 from tests.support.answering import Answers, recorded
@@ -54,3 +54,33 @@ def test_a_wait_that_ends_in_vain_says_what_was_missing(tmp_path: Path, command:
         words = [command, wanted, "--socket", str(service.path), "--wait", "1"]
         refusal = CliRunner().invoke(calibration.command, words).exception
     assert "not verified within 1 s: not shown yet: scale-axial, latency. The contact stays open" in str(refusal)
+
+
+class _Declining(Answers):
+    """A service that begins a recalibration and declines what it is given. reference: in force."""
+
+    def __init__(self, path: Path, reference: dict[str, Any] | None) -> None:
+        super().__init__(path)
+        self._reference = reference
+
+    def _answer(self, do: str, request: dict[str, Any], who: Peer) -> dict[str, Any]:
+        if do == "end-recalibration":
+            raise ControlRefused("the disk is full")
+        proposal = {"text": "nothing", "confirm": False}
+        told = {"status": {"status": status(reference=self._reference)}, "propose-calibration": {"proposal": proposal}}
+        return told.get(do, {})
+
+
+@pytest.mark.parametrize(
+    ("reference", "said"),
+    [
+        (recorded()["reference"] | {"number": 4}, "reference 4 is in force, as before; the contact closes once motion"),
+        (None, "there is no calibration, as before"),
+    ],
+)
+def test_what_is_declined_after_the_contact_opened_says_what_is_in_force(
+    tmp_path: Path, reference: dict[str, Any] | None, said: str
+) -> None:
+    with _Declining(tmp_path / "control", reference) as service:
+        result = CliRunner().invoke(calibration.command, ["back", "1", "--socket", str(service.path)])
+    assert (said in result.stderr, "the disk is full" in str(result.exception)) == (True, True), result.output
