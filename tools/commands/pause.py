@@ -13,6 +13,7 @@ from tools.shared.named_cart import socket_option
 _SHORTEST_S, _LONGEST_S = 1, 120
 """What the service grants (docs/alarms.md): a longer pause would be forgotten."""
 _UNITS_S = {"": 1, "s": 1, "m": 60, "min": 60}
+"""Seconds of each unit that may be typed; none is seconds."""
 _TIME = re.compile(r"(\d+(?:\.\d*)?) ?([a-z]*)")
 
 
