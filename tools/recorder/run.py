@@ -13,8 +13,8 @@ import secrets
 import socket
 import threading
 import time
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from datetime import UTC, datetime, timedelta
 from importlib.metadata import version
 from pathlib import Path
@@ -60,14 +60,11 @@ class RecorderService:
             remedy = "Set [feed] offered = true and reload the service"
             raise ConfigurationError("the service offers no feed to record", "[feed]", remedy)
         self._feed_path = config.feed_socket
-        try:
+        with _needing("folder", self._settings.folder):
             self._lock = _locked(self._settings.folder)
             self.recorder = _recorder(config, say)
+        with _needing("socket", self._settings.socket):
             self._listener = listening(self._settings.socket, config.control.group, 8)
-        except (OSError, LookupError) as error:
-            remedy = "Give [recorder] a folder and a socket that this user may write to"
-            where = f"[recorder] {self._settings.folder}"
-            raise ConfigurationError(f"cannot be used ({error})", where, remedy) from None
         self._listener.settimeout(_AGAIN_S)
         self._tasks: queue.Queue[_Task] = queue.Queue(_QUEUED)
         self._ended = threading.Event()
@@ -197,6 +194,20 @@ def _line(link: socket.socket, timeout_s: float) -> bytes:
         return Lines(link, _LONGEST_LINE).next(timeout_s)
     except ValueError:
         return b""
+
+
+@contextmanager
+def _needing(key: str, path: Path) -> Iterator[None]:
+    """Raises ConfigurationError that names the key whose path cannot be used."""
+    try:
+        yield
+    except OSError as error:
+        remedy = f"Give [recorder] {key} a place that exists and that this user may write to"
+        said = error.strerror or str(error)
+        raise ConfigurationError(f"cannot be used ({said})", f"[recorder] {key} = {str(path)!r}", remedy) from None
+    except LookupError as error:
+        remedy = "Create the group, or name another one in [control] group"
+        raise ConfigurationError(f"cannot be used ({error})", f"[recorder] {key} = {str(path)!r}", remedy) from None
 
 
 def _locked(folder: Path) -> int:

@@ -4,9 +4,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from click.testing import CliRunner
 
+from tests.appliance.configuration.test_config import GOOD
 from tests.support.answers import answered
-from tools.commands.record import told
+from tools.commands.record import command, told
 
 ANSWER: dict[str, Any] = {
     "ok": True,
@@ -74,3 +76,20 @@ def test_where_no_recorder_answers_the_start_of_this_carts_is_named(tmp_path: Pa
     answer = answered("record", action, "--config", file)
     said = f"{tmp_path}/recorder: no recorder answers (no such file or directory). Start it: probewatch record --config"
     assert (answer.returncode, answer.stderr.strip()) == (69, f"probewatch: {said} {file}")
+
+
+@pytest.mark.parametrize("key", ["folder", "socket"])
+def test_of_folder_and_socket_the_one_that_cannot_be_used_is_named(tmp_path: Path, key: str) -> None:
+    """The folder was named for a socket without one, with "[Errno 2]"."""
+    places = {"folder": tmp_path / "boxes", "socket": tmp_path / "control"} | {key: tmp_path / "file" / "x"}
+    (tmp_path / "file").write_text("")
+    told_places = "".join(f'{name} = "{place}"\n' for name, place in places.items())
+    config = tmp_path / "cart.toml"
+    config.write_text(f"{GOOD}[recorder]\n{told_places}")
+    said = str(CliRunner().invoke(command, ["--config", str(config)]).exception)
+    assert said.startswith(f"[recorder] {key} = '{places[key]}': cannot be used (")
+    assert said.endswith(f"Give [recorder] {key} a place that exists and that this user may write to")
+    assert "Errno" not in said
+    asked = str(CliRunner().invoke(command, ["status", "--config", str(config)]).exception)
+    assert "no recorder answers (no such file or directory)" in asked, asked
+    assert "Errno" not in asked
