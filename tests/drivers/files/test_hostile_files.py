@@ -68,7 +68,7 @@ NO_FILES = (folder, pipe, device, pipe_behind_a_link, folder_behind_a_link, nul)
 
 @pytest.fixture(params=NO_FILES, ids=lambda make: make.__name__)
 def no_file(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
-    path = tmp_path / ("named\0so" if request.param is nul else "named.toml")
+    path = tmp_path / ("named\0so" if request.param is nul else "named")
     request.param(path)
     return path
 
