@@ -16,7 +16,13 @@ _OF_ALL = ("pyproject.toml", "Makefile", ".ci/run", "requirements-dev.lock", "te
 ABOUT = {
     "mutation": (
         *("appliance/supervision", "appliance/limits.py", "appliance/types.py", "appliance/service/host"),
-        *("drivers/printable.py", "drivers/rigid.py", "drivers/samples.py"),
+        *(
+            "drivers/errors.py",
+            "drivers/printable.py",
+            "drivers/rigid.py",
+            "drivers/samples.py",
+            "drivers/suggestion.py",
+        ),
         *("tests/appliance/supervision", "tests/conftest.py", "tests/rules"),
     ),
     "deb": (
