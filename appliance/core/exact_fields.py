@@ -173,6 +173,7 @@ def _point_fields(point: PointError) -> Header:
         "depth_mm": None if point.depth_mm is None else _number(point.depth_mm),
         "at_depth_mm": None if deep is None else _numbers(deep),
         "shown_ns": point.shown_ns,
+        "region_mm": _numbers(point.region_mm),
     }
 
 
@@ -184,6 +185,7 @@ def _point(fields: Header) -> PointError:
         depth_mm=None if depth is None else float(depth),
         at_depth_mm=None if deep is None else _pair(deep),
         shown_ns=integer(fields["shown_ns"]),
+        region_mm=tuple(float(bound) for bound in fields.get("region_mm", ())),
     )
 
 

@@ -69,6 +69,7 @@ _POINT = _object(
     depth_mm={"type": ["number", "null"], "description": "that somebody named, from the top of the picture"},
     at_depth_mm={**_BOUNDS, "type": ["array", "null"]},
     shown_ns=_INTEGER,
+    region_mm={**_NUMBERS, "description": "that for 99.7 % at places of the region, row by row"},
 )
 _REFERENCE = _object(
     "probewatch.Calibration",

@@ -377,7 +377,7 @@ def _print(outcome: _Outcome, subject: Subject) -> None:
     if report.second_opinion is not None:
         click.echo(_second_opinion(report.second_opinion))
     click.echo(profile_text(limits_fields(report.limits)))
-    click.echo(point_text(point_fields(report.verdict.t_ns, report.verdict.point)))
+    click.echo(point_text(point_fields(report.verdict.t_ns, report.verdict.point, report.limits.region)))
     _print_states(outcome)
     if report.proposal is not None:
         click.echo("\n".join(f"→ {clause}" for clause in report.proposal.text.split("; ")))

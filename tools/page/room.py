@@ -6,6 +6,7 @@ from typing import Any
 from appliance.supervision.alarms import EARLIER, PARTLY_EARLIER
 from appliance.supervision.languages import translated
 from tools.page.bars import bars
+from tools.page.contours import contours
 from tools.page.devices import devices
 from tools.page.wording import figures
 from tools.shared.gesture_drawings import drawn
@@ -18,8 +19,8 @@ _PARTS = " · "
 
 def room(status: Mapping[str, Any]) -> dict[str, Any]:
     """simulated: whether a source is no real device. headline: the state. named: what is wrong, empty where nothing is.
-    point: the error of a point. limits: whose are in force. rests: that what is verified rests on earlier motion.
-    gestures: drawing and text of each that is asked for.
+    point: the error of a point; contours: of it, over the picture. limits: whose are in force. rests: that what is
+    verified rests on earlier motion. gestures: drawing and text of each that is asked for.
     """
     language = status.get("language", "en")
     said = status["text"].split(_PARTS)[1 if status["simulated"] else 0 :]
@@ -31,6 +32,7 @@ def room(status: Mapping[str, Any]) -> dict[str, Any]:
         "rests": next((text for text in said[1:] if text in earlier), ""),
         "gestures": _gestures(status["gesture"], language),
         "point": figures(point_text(status.get("point"), status.get("point_limit_mm"), language), language),
+        "contours": contours(status.get("point")),
         "limits": figures(profile_text(status.get("limits"), language), language),
         "bars": bars(status["checks"], language),
         "devices": devices(status, language),

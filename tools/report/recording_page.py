@@ -63,7 +63,7 @@ def write_recording_page(
         ),
     ]
     parts.append(text(profile_text(limits_fields(report.limits)), "note"))
-    parts.append(text(point_text(point_fields(verdict.t_ns, verdict.point)), "note"))
+    parts.append(text(point_text(point_fields(verdict.t_ns, verdict.point, report.limits.region)), "note"))
     if damage:
         parts.append(text(f"The file is damaged: {damage}", "bad"))
     if comparison is not None:

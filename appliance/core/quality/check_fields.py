@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from math import ceil, isfinite
 from typing import Any
 
-from appliance.limits import Limits
-from appliance.types import Check, PointError, Rival
+from appliance.limits import Limits, Region
+from appliance.types import POINT_ACROSS, Check, PointError, Rival
 
 
 def check_fields(now_ns: int, check: Check) -> dict[str, Any]:
@@ -28,16 +28,21 @@ def rival_fields(now_ns: int, rivals: Sequence[Rival]) -> list[dict[str, Any]]:
     return [{**check_fields(now_ns, rival.check), "behind_nats": rival.behind_nats} for rival in rivals]
 
 
-def point_fields(now_ns: int, point: PointError | None) -> dict[str, Any] | None:
-    """Ready for JSON; shown_age_s: how long before now_ns the oldest motion was that it rests on."""
+def point_fields(now_ns: int, point: PointError | None, region: Region) -> dict[str, Any] | None:
+    """Ready for JSON; shown_age_s: how long before now_ns the oldest motion was that it rests on. region: of the limits
+    in force.
+    """
     if point is None:
         return None
+    bounds = point.region_mm
     return {
         "worst_mm": [*point.worst_mm],
         "median_mm": [*point.median_mm],
         "depth_mm": point.depth_mm,
         "at_depth_mm": None if point.at_depth_mm is None else [*point.at_depth_mm],
         "shown_age_s": (now_ns - point.shown_ns) / 1e9,
+        "region": region.model_dump(),
+        "region_mm": [[*bounds[at : at + POINT_ACROSS]] for at in range(0, len(bounds), POINT_ACROSS)],
     }
 
 

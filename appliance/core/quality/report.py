@@ -91,7 +91,7 @@ def report_json(report: LineReport, timeline: Sequence[Change]) -> dict[str, Any
         "fault": report.verdict.fault,
         "proposal": None if report.proposal is None else proposal_fields(report.proposal),
         "limits": limits_fields(report.limits),
-        "point": point_fields(report.verdict.t_ns, report.verdict.point),
+        "point": point_fields(report.verdict.t_ns, report.verdict.point, report.limits.region),
         "rivals": rival_fields(report.verdict.t_ns, report.verdict.rivals),
         "timeline": [{"t_s": change.t_s, "state": change.state.value, "reason": change.reason} for change in timeline],
     }

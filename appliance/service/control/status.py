@@ -173,7 +173,7 @@ def point_known(
     point = None if verdict is None else verdict.point
     if point is not None and not max(alarm.barrier_ns + 1, now_ns - most_ns) <= point.shown_ns <= now_ns:
         point = None
-    return {"point": point_fields(now_ns, point), "point_limit_mm": limits.point_mm}
+    return {"point": point_fields(now_ns, point, limits.region), "point_limit_mm": limits.point_mm}
 
 
 def _line_check(now_ns: int, check: Check, age_ns: int | None, shown_now: Shown | None) -> dict[str, Any]:

@@ -186,7 +186,9 @@ STATUS = (
         "object or null",
         "how far what the picture shows may be from its true place, mm, as pairs of bounds for 95 % and 99.7 "
         "%: `worst_mm`, `median_mm` over the region; `depth_mm` of `[limits] point_depth_mm` and "
-        "`at_depth_mm`, null where none is named; `shown_age_s`, age of the oldest motion. Null while a "
+        "`at_depth_mm`, null where none is named; `shown_age_s`, age of the oldest motion; `region_mm`, the "
+        "bound for 99.7 % at five rows of five places of `region`, edges among them, from its upper left corner; "
+        "`region`: `[limits] region`, shares of width and height. Null while a "
         "parameter was not observed, polarity or latency is not in order, something contradicts the "
         "calibration, or the hand's speed is not known",
     ),

@@ -98,6 +98,13 @@ def gone(*names: str) -> list[dict[str, Any]]:
     return found
 
 
+def bounded() -> dict[str, Any]:
+    """The recorded error of a point, with bounds that grow away from a place near the face."""
+    point: dict[str, Any] = recorded()["point"]
+    rows = [[2.0 + 2.2 * (0.8 * (x - 2) ** 2 + (y - 1) ** 2) ** 0.7 / 4 for x in range(5)] for y in range(5)]
+    return {**point, "region": {"left": 0.0, "right": 1.0, "top": 0.0, "bottom": 1.0}, "region_mm": rows}
+
+
 LOOKS: dict[State, dict[str, Any]] = {
     State.SELF_TEST: {"checks": unknown(), "since": 1},
     State.WAITING: {
@@ -112,7 +119,12 @@ LOOKS: dict[State, dict[str, Any]] = {
         "wanted": tuple(Gesture),
         "reason": "not shown yet: rotation-elevational, scale-lateral, scale-axial, offset-lateral, latency",
     },
-    State.MONITORING: {"checks": carried(), "since": 2580, "text": "SIMULATED · Calibration verified · {earlier}"},
+    State.MONITORING: {
+        "checks": carried(),
+        "point": bounded(),
+        "since": 2580,
+        "text": "SIMULATED · Calibration verified · {earlier}",
+    },
     State.WARNING: {"checks": checks(latency=101.3), "fault": Fault.LATENCY, "since": 2},
     State.HALT: {
         "checks": checks(polarity=1.0),
@@ -318,6 +330,29 @@ def test_ten_states_look_as_they_did_and_fit_the_screen(looked_at: Room, width: 
     print(found)
     others = {name: off for name, off in found.items() if off > MOST_UNLIKE}
     assert others == {}, "look at them; PROBEWATCH_LOOKS=keep keeps them as they are now"
+
+
+def test_contours_are_drawn_of_what_is_known_now_and_go_at_a_touch(looked_at: Room) -> None:
+    def figures() -> list[str]:
+        return [one.text_content() or "" for one in page.query_selector_all("#contours text")]
+
+    with looked_at.screen(1280) as page:
+        looked_at.enter(State.MONITORING, page)
+        page.wait_for_selector("#contours text")
+        assert figures() == ["3 mm", "4 mm", "5 mm"]
+        drawing = page.eval_on_selector("#contours", "one => one.getScreenCTM().a")
+        shown_px, own_px = page.eval_on_selector("#picture", "one => [one.clientWidth, one.width]")
+        assert drawing == pytest.approx(shown_px / own_px, rel=0.02), "as large as the picture"
+        page.click("#contours-on")
+        assert figures() == []
+        page.reload()
+        looked_at.enter(State.MONITORING, page)
+        assert (page.get_attribute("#contours-on", "aria-pressed"), figures()) == ("false", [])
+        page.click("#contours-on")
+        assert len(figures()) == 3
+        looked_at.enter(State.HALT, page)
+        page.wait_for_function("document.querySelectorAll('#contours *').length === 0")
+        assert page.is_hidden("#contours-on")
 
 
 @pytest.mark.parametrize("part", ["#state", ".part-picture", "#shown tr:nth-child(3)", "#hour", "#devices", ".acts"])

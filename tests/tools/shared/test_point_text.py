@@ -133,7 +133,7 @@ def test_a_bound_is_rounded_up(bound_mm: float, said: str) -> None:
 
 
 def test_an_older_service_knows_of_none() -> None:
-    assert point_fields(0, None) is None
+    assert point_fields(0, None, Limits().region) is None
     older = {key: one for key, one in STATUS.items() if not key.startswith("point")}
     assert "error of a point" not in terminal(older)
     assert room(older)["point"] == "error of a point not known"

@@ -45,6 +45,7 @@ const GERMAN = {
   "Status": "Status",
   "Recalibrate": "Kalibrieren",
   "Live picture": "Livebild",
+  "Error in mm": "Fehler in mm",
   "What motion has shown": "Was Bewegung gezeigt hat",
   "Devices": "Geräte",
   "Last alarms": "Letzte Alarme",

@@ -53,6 +53,21 @@ function showBars(room) {
   set("carried", `~ ${say("Not shown by the present motion; within its age, as no detector saw a change")}`);
 }
 
+// Contours of the error of a point, over the picture as it lies there; each has its figure in millimetres.
+function showContours(room) {
+  const canvas = el("picture"), svg = el("contours"), button = el("contours-on");
+  const on = button.getAttribute("aria-pressed") === "true" && el("picture-why").hidden;
+  button.hidden = room.contours.length === 0;
+  if (!changed("contours", room.contours, on, canvas.width, canvas.height, canvas.clientWidth)) return;
+  svg.setAttribute("viewBox", `0 0 ${canvas.width} ${canvas.height}`);
+  svg.replaceChildren(...(on ? room.contours : []).flatMap(one => {
+    const lines = ["under", "over"].map(kind => drawn("path", { class: kind, d: one.path, transform: `scale(${canvas.width} ${canvas.height})` }));
+    const text = drawn("text", { x: one.at[0] * canvas.width, y: one.at[1] * canvas.height, "font-size": Math.max(canvas.width / 36, 15 * canvas.width / canvas.clientWidth) });
+    text.textContent = `${language === "de" ? comma(String(one.mm)) : one.mm} mm`;
+    return [...lines, text];
+  }));
+}
+
 function showGestures(room) {
   el("part-gestures").hidden = room.gestures.length === 0 || el("state").dataset.lamp === "green";
   if (!changed("gestures", room.gestures)) return;
@@ -176,6 +191,14 @@ el("token-form").onsubmit = async event => {
   listen.again();  // the stream that is open was asked for without the cookie
   await request(wanted);
 };
+let shownLast = null;
+el("contours-on").onclick = () => {
+  const button = el("contours-on"), on = button.getAttribute("aria-pressed") !== "true";
+  button.setAttribute("aria-pressed", String(on));
+  try { localStorage.setItem("contours", on ? "on" : "off"); } catch (error) { /* a private window */ }
+  if (shownLast) showContours(shownLast);
+};
+try { el("contours-on").setAttribute("aria-pressed", String(localStorage.getItem("contours") !== "off")); } catch (error) { /* a private window */ }
 el("room").onclick = () => { switchRoom(); shade(); };
 function shade() { el("room").setAttribute("aria-pressed", String(document.documentElement.dataset.room === "dark")); }
 
@@ -184,11 +207,13 @@ listen(event => {
   showState(event);
   translate();
   if (event.status) {
-    showBars(event.room); showGestures(event.room); showDevices(event.status, event.room); showActs(event.status, may);
+    shownLast = event.room;
+    showBars(event.room); showContours(event.room); showGestures(event.room); showDevices(event.status, event.room); showActs(event.status, may);
     showHour(event.alarms, event.clock);  // while the service is away nothing is known of what goes on
     el("proposal").hidden = !event.status.proposal;
     set("proposal", event.status.proposal ? `→ ${event.status.proposal.text}` : "");
   }
+  if (!event.status) showContours({ contours: [] });
   showAlarms(event.alarms);
 });
 shade();

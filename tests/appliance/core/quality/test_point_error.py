@@ -17,6 +17,7 @@ from appliance.core.quality.point_error import (
 )
 from appliance.limits import Limits, Region
 from appliance.types import PARAMETERS
+from drivers.errors import ConfigurationError
 from drivers.rigid import Array, rotation_from_vector
 from tests.support.motions import TRUTH, tilting_path
 from tests.support.windows import filled
@@ -192,5 +193,5 @@ def test_without_a_solution_there_is_no_bound() -> None:
 
 
 def test_an_empty_region_is_refused_by_name() -> None:
-    with pytest.raises(ValueError, match="region is empty"):
+    with pytest.raises(ConfigurationError, match="region is empty"):
         Region(left=0.6, right=0.6)
