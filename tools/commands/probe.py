@@ -217,18 +217,22 @@ def _tell(opened: TrackerSource | VideoSource, url: str, seconds: float, clock: 
     click.echo("poor, see the lines marked with !" if found else "good")
 
 
-def measure(source: TrackerSource | VideoSource, seconds: float, clock: HostClock, measured: Measured) -> None:
-    """Adds to `measured` what arrives in that time, or until the device is lost."""
+def measure(
+    source: TrackerSource | VideoSource, seconds: float, clock: HostClock, measured: Measured | None = None
+) -> Measured:
+    """Returns what arrives in that time, or until the device is lost; `measured` with it, where that is given."""
+    measured = measured or Measured()
     end_ns = clock.now_ns() + round(seconds * 1e9)
     while clock.now_ns() < end_ns:
         try:
             sample = source.read(_READ_S)
         except DeviceLost as error:
             measured.end = error
-            return
+            return measured
         if sample is not None:
             measured.samples.append(sample)
             measured.arrivals_ns.append(clock.now_ns())
+    return measured
 
 
 def _description(device: object) -> list[Row]:
