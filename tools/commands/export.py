@@ -31,11 +31,11 @@ def command(recordings: tuple[Path, ...], form: str | None, output: Path | None)
 
     Pictures are written as they were recorded: text is black only where the recorder has blackened it.
     """
+    form = form or _form_of(output)
     ending = form if form.startswith(".") else f".{form}"
     if output is not None and not output.name.endswith(ending):
         raise click.UsageError(f"--output {output.name} does not end in {ending}")
     check_new(output)
-    form = form or _form_of(output)
     for recording in recordings:
         if not is_there(recording):
             raise RecordingError("is not there", str(recording), "Name a file that probewatch record has written")

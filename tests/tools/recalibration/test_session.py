@@ -91,7 +91,7 @@ def test_a_folder_that_cannot_take_the_calibration_is_told_before_the_scan(tmp_p
     with ExitStack() as running:
         bench = Bench(tmp_path, running)
         bench.session._folder = tmp_path / "gone"
-        with pytest.raises(ConfigurationError, match="its folder does not exist, or may not be written to"):
+        with pytest.raises(ConfigurationError, match=r"gone\. Name a file in a folder that exists"):
             bench.session.begin(CHOSEN)
         assert (bench.session.phase, bench.service.asked) == (Phase.IDLE, [])
 
