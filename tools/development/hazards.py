@@ -112,8 +112,8 @@ def _tried_by() -> dict[Fault, list[str]]:
     alone = {_module(file): hazard for hazard in HAZARDS for file in finders[hazard] if _counted(file, finders) == 1}
     found: dict[Fault, list[str]] = {hazard: [] for hazard in HAZARDS}
     for file in sorted((ROOT / "tests").rglob("test_*.py")):
-        tree = ast.parse(file.read_text(encoding="utf-8"))
-        for hazard in _named(tree) | {alone[name] for name in _imported(tree) if name in alone}:
+        nodes = list(ast.walk(ast.parse(file.read_text(encoding="utf-8"))))
+        for hazard in _named(nodes) | {alone[name] for name in _imported(nodes) if name in alone}:
             found[hazard].append(file.relative_to(ROOT).as_posix())
     return found
 
@@ -145,17 +145,17 @@ def _module(file: str) -> str:
     return file.removesuffix(".py").replace("/", ".")
 
 
-def _imported(tree: ast.Module) -> Iterator[str]:
-    return (str(node.module) for node in ast.walk(tree) if isinstance(node, ast.ImportFrom))
+def _imported(nodes: list[ast.AST]) -> Iterator[str]:
+    return (str(node.module) for node in nodes if isinstance(node, ast.ImportFrom))
 
 
-def _named(tree: ast.Module) -> set[Fault]:
+def _named(nodes: list[ast.AST]) -> set[Fault]:
     """Whether it is named by its member of Fault, by the word that JSON and log have for it, or by what the operator
     reads.
     """
     words = {text: hazard for hazard, row in HAZARDS.items() for text in (hazard.value, row.text)}
     found = set()
-    for node in ast.walk(tree):
+    for node in nodes:
         if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "Fault":
             found |= {hazard for hazard in HAZARDS if hazard.name == node.attr}
         elif isinstance(node, ast.Constant) and isinstance(node.value, str) and node.value in words:
