@@ -20,6 +20,7 @@ import numpy as np
 from drivers.errors import RecordingError
 from drivers.files.markup import NotUtf8Error, text_of
 from drivers.files.regular_file import read_bounded, reading
+from drivers.recordings.display_matrix import is_mirrored
 from drivers.recordings.foreign import refuse_known
 from drivers.recordings.metaimage import MAX_PIXELS, MAX_STAMP_S, unreadable
 from drivers.rigid import pose_matrix
@@ -131,6 +132,11 @@ class Film:
     def _looked_through(self) -> tuple[list[int], tuple[int, int], int]:
         """(times of all pictures, ns; width and height; how many pictures the header counts, 0 where it does not)."""
         film, times_ns, seen = self._opened(), list[int](), _Look()
+        if is_mirrored(self.path):
+            film.release()
+            what = "asks players to mirror its pictures, which the decoder here does not do"
+            remedy = f"Store them as they are to be seen: ffmpeg -i {self.path.name} -c:v ffv1 new.mkv"
+            raise RecordingError(what, str(self.path), remedy)
         try:
             told = film.get(cv2.CAP_PROP_FRAME_COUNT)
             counted = round(told) if 0 < told < _MOST_PICTURES else 0
