@@ -67,3 +67,10 @@ def cart(shared_cart: SharedCart, request: pytest.FixtureRequest) -> Iterator[Ca
     yield shared_cart.running()
     if request.node.stash.get(_failed, False):
         shared_cart.end()
+
+
+@pytest.fixture(autouse=True)
+def _nothing_beside(shared_cart: SharedCart, request: pytest.FixtureRequest) -> None:
+    """A test that is to be alone, and has a cart of its own, waits for no other cart: one takes half a processor."""
+    if request.node.get_closest_marker("alone") and "cart" not in request.fixturenames:
+        shared_cart.end()
