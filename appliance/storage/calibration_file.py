@@ -25,7 +25,7 @@ from drivers.errors import ConfigurationError
 from drivers.files.atomic_file import check_kind, writing
 from drivers.files.markup import SAVE_AS_UTF_8, NotUtf8Error, text_of, toml_of, xml_of
 from drivers.files.regular_file import read_bounded, reading
-from drivers.recordings.foreign import HEAD_BYTES, kind_of
+from drivers.recordings.foreign import HEAD_BYTES, are_matrix, kind_of
 from drivers.rigid import nearest_rotation
 from drivers.samples import Matrix4
 
@@ -52,7 +52,6 @@ _MOST_MATRIX_BYTES = 2000
 """Of sixteen numbers as text, which have 25 digits at most. More is something else."""
 ITK_BEGINS = b"#Insight Transform File"
 """First bytes of an ITK text transform."""
-_NUMBER = re.compile(r"[-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?")
 
 _UNIT_WITHIN = 1e-6
 """mm/px from 1 within which both scales were typed, not measured: calibrations keep six digits and more."""
@@ -341,7 +340,7 @@ def _is_matrix(data: bytes) -> bool:
     if len(data) > _MOST_MATRIX_BYTES:
         return False
     words = re.split(r"[\s,;\[\]]+", data.decode("ascii", "replace").strip(" \t\r\n,;[]"))
-    return len(words) == 16 and all(_NUMBER.fullmatch(word) for word in words)
+    return are_matrix(words)
 
 
 def _from_parts(file: _File, path: Path) -> Calibration:

@@ -1,7 +1,8 @@
 """Recordings of other programs, recognised by their first bytes: what such a file is, and what makes a sequence of
 it."""
 
-from collections.abc import Iterator
+import re
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import chain
 from pathlib import Path
 
@@ -9,6 +10,8 @@ from drivers.errors import RecordingError
 
 HEAD_BYTES = 352
 """What is read of a file to know its kind: NIfTI says its own at byte 344, the others before."""
+_REAL = re.compile(r"[-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?")
+"""A number as programs write it into a header."""
 _PICTURE = "Give the whole sequence with its poses, as PLUS records it (.igs.mha or .mhd)"
 _VOLUME = "It has neither times nor poses: give the sequence from which it was made"
 _REPLAY = "Play it back while PLUS records pictures and poses into .igs.mha"
@@ -86,6 +89,16 @@ _EDITED = (
     (b"\xef\xbb\xbfNRRD", "an NRRD file behind a byte order mark"),
 )
 """(first bytes, what it is) of sequences that an editor of texts has saved anew, so that their pictures are damaged."""
+
+
+def are_numbers(words: Iterable[str]) -> bool:
+    """Whether each word is written as one number with a decimal point."""
+    return all(map(_REAL.fullmatch, words))
+
+
+def are_matrix(words: Sequence[str]) -> bool:
+    """Whether the words are the sixteen numbers of a 4 x 4 matrix."""
+    return len(words) == 16 and are_numbers(words)
 
 
 def refuse_foreign(head: bytes, path: Path) -> None:

@@ -22,7 +22,7 @@ from drivers.errors import RecordingError
 from drivers.files.atomic_file import replacing
 from drivers.files.regular_file import reading, refuse_irregular
 from drivers.printable import printable
-from drivers.recordings.foreign import HEAD_BYTES, refuse_foreign
+from drivers.recordings.foreign import HEAD_BYTES, are_matrix, are_numbers, refuse_foreign
 from drivers.recordings.keys import IMAGE_STATUS, IMAGE_TYPE, ORIENTATION, from_zero, known, missing
 from drivers.samples import GreyImage, Matrix4, PoseStatus
 from drivers.trackers.plus_transform import GOOD, TransformReading, rigid_reading, without_matrix
@@ -49,7 +49,6 @@ measured."""
 _CHANNELS, _SKIPPED = "ElementNumberOfChannels", "HeaderSize"
 _DECIMAL_COMMA = re.compile(r"[+-]?[0-9]+,[0-9]+")
 """A number as spreadsheets and programs write it in countries with a decimal comma."""
-_REAL = re.compile(r"[-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?")
 _WITHOUT_LAST_ROW = 12
 """Numbers of a matrix without 0 0 0 1."""
 FRAME_KEY = re.compile(r"Seq_Frame([0-9]{1,9})_(\S+)")
@@ -95,7 +94,7 @@ class MetaImage:
         either.
         """
         first = self.frames[0] if self.frames else {}
-        return sorted(key for key, text in first.items() if not key.endswith("Transform") and _is_sixteen(text))
+        return sorted(key for key, text in first.items() if not key.endswith("Transform") and are_matrix(text.split()))
 
     def stamp_ns(self, index: int) -> int:
         """Timestamp, ns of the recording's own clock. Raises RecordingError where it is missing or not a time."""
@@ -418,12 +417,12 @@ def _sixteen_numbers(path: Path, key: str, text: str) -> Matrix4:
 def _how_sixteen(text: str) -> str:
     """What to do about a matrix in another form."""
     words = text.split()
-    if words and all(_DECIMAL_COMMA.fullmatch(word) or _REAL.fullmatch(word) for word in words) and "," in text:
+    if words and all(_DECIMAL_COMMA.fullmatch(word) or are_numbers([word]) for word in words) and "," in text:
         return "Write it with decimal points"
     bare = re.sub(r"[\[\](){},;]", " ", text)
-    if bare != text and _is_sixteen(bare):
+    if bare != text and are_matrix(bare.split()):
         return "Write blanks alone between the numbers, no brackets, commas or semicolons"
-    if len(words) == _WITHOUT_LAST_ROW and all(map(_REAL.fullmatch, words)):
+    if len(words) == _WITHOUT_LAST_ROW and are_numbers(words):
         return "It has 12: append the last row, 0 0 0 1"
     return "Record again, or fix this line"
 
@@ -433,11 +432,6 @@ def _likely_unit(time: Decimal) -> str:
     units = (("ms", 1000), ("µs", 1_000_000), ("ns", 1_000_000_000))
     likely = (f"Is it in {unit}? Divide by {per_s}" for unit, per_s in units if time.copy_abs() <= MAX_STAMP_S * per_s)
     return next(likely, "Record again, or fix this line")
-
-
-def _is_sixteen(text: str) -> bool:
-    words = text.split()
-    return len(words) == 16 and all(_REAL.fullmatch(word) for word in words)
 
 
 def _raw(stream: BinaryIO, path: Path, count: int, frame_bytes: int) -> Iterator[bytes]:
