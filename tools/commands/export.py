@@ -46,8 +46,10 @@ def command(recordings: tuple[Path, ...], form: str | None, output: Path | None)
     if len(series) != 1 or len(boxes) != 1:
         what = "are several recordings" if len(boxes) > 1 else "is not a black box"
         raise RecordingError(what, str(recordings[0]), "Name the .mcap files of one run of the recorder")
-    path = output or Path(f"{series[0].boxes[0].path.stem}{ending}")
-    check_new(path)
+    path = output
+    if path is None:
+        path = Path(f"{series[0].boxes[0].path.stem}{ending}")
+        check_new(path)
     number, left_out = export(series[0], form, path)
     if damage := series[0].damage_text:
         click.secho(f"damaged: {damage}", err=True, fg="yellow")
