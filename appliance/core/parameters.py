@@ -51,7 +51,7 @@ def class_of(name: str) -> Fault:
 MEASURED = (*PARAMETERS, Fault.LATENCY.value)
 """Names of the checks, in the order of θ."""
 BREATHED = frozenset({"scale-axial"})
-"""Those that a breath can spoil which is not known yet."""
+"""Names of the checks that breathing can falsify until it has been learned."""
 CLASSES = tuple(class_of(name) for name in MEASURED)
 PER_UNIT: Vector = np.array([QUANTITIES[fault].per_unit for fault in CLASSES])
 """(9,) deg, %, mm and ms in one rad, relative, mm and s."""

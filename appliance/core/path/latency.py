@@ -19,12 +19,13 @@ _GRID_S = 0.01
 """
 _REACH, _FAR_REACH, _NEAR = 30, 120, 8
 """Lags looked at, in steps of the grid either way: all, all of a recording, and about the best. The farthest is more
-than is told, so that what lies beyond does not come in by its alias.
+than is returned, so that the alias of a lag beyond that is not returned instead.
 """
 _FAR_S, _FAR_NATS, _APART_S = 1.0, 15.0, 0.15
-"""Farthest lag that is told of a recording, and by how much, in log likelihood, it must beat every lag that is so far
-from it and no farther from zero. Less takes the next stroke for the lag, more tells the lag of fewer recordings. Of
-PLUS's water tank the next stroke is 23 behind, of its N-wire phantom every other lag 19; both were looked at.
+"""Farthest lag that is returned for a recording, and by how much, in log likelihood, it must beat every lag that is at
+least so far from it and no farther from zero. Less takes the next stroke for the lag, more returns none for more
+recordings. Of PLUS's water tank the next stroke is 23 behind, of its N-wire phantom every other lag 19; both were
+looked at.
 """
 _NEAR_S = _GRID_S * np.arange(-_NEAR, _NEAR + 1, 2)
 _PARABOLA = np.linalg.pinv(np.vander(_NEAR_S, 3))
@@ -83,7 +84,7 @@ def far_latency(
 ) -> Latency | None:
     """The same up to a second either way, for a recording that is at hand as a whole. None also where another lag, no
     farther from zero, explains the motion nearly as well. Strokes that are all alike explain a lag by half a stroke
-    more as well: so a usual lag is told unless a far one is better by `_FAR_NATS`.
+    more as well, so the far lag is returned only where it is better than the usual one by `_FAR_NATS`.
     """
     search = _Search.of(t_s, chain, path_mm, pose_t_s, centre_mm, _FAR_REACH, 1)
     if search is None:

@@ -29,7 +29,7 @@ for longer windows. Not measured.
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pretended:
-    """What noise pretends of each of θ, as `noise` and `tissue_out` are at the time of the question.
+    """Computes the information on each of θ that is noise, by `noise` and `tissue_out` as they are at the call.
 
     rigid: the tissue does not follow the face. tissue_out: (2,) whether the tissue's most likely motion, lateral and
     axial, is out of the measured path. known: (12, 12) information of the prior.

@@ -20,7 +20,7 @@ _OF_X = frozenset(PARAMETERS)
 
 @dataclass(frozen=True, slots=True)
 class Memory:
-    """What the solutions so far leave to the next one.
+    """State that is carried from one solution to the next.
 
     suspects: names of the checks that failed in the last solution. culprits: the value at which each parameter was
     confirmed to be wrong. valid_ns: older motion is not examined. settled_ns: until then, the short window holds motion
@@ -47,7 +47,7 @@ class Memory:
 
 @dataclass(frozen=True, slots=True)
 class Solved:
-    """What one solution found at `now_ns`, the time of the newest picture.
+    """Result of one solution at `now_ns`, the time of the newest picture.
 
     short: finding of the short window, as `decidable` leaves it. finding: of the window that decided, which is
     `span_ns` long. lag_explained: whether the separate search for an explanation found a lag.
