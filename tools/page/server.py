@@ -158,6 +158,7 @@ class Page:
             self._language = status.get("language", "en")
         event = {
             "cart": parts.cart,
+            "told_s": seen.t_ns / 1e9,
             "clock": datetime.now().astimezone().isoformat(timespec="seconds"),
             "status": status,
             "room": None if status is None else room(status),
@@ -181,7 +182,12 @@ class Page:
                 return Response(None, 204)
             await asyncio.sleep(_LOOK_S)
         look = await run_in_threadpool(self._parts.session.look_at, newest.t_ns)
-        headers = {"Cache-Control": "no-store", "X-Number": str(newest.number), "X-Look": json.dumps(look)}
+        headers = {
+            "Cache-Control": "no-store",
+            "X-Number": str(newest.number),
+            "X-Taken-S": f"{newest.t_ns / 1e9:.3f}",
+            "X-Look": json.dumps(look),
+        }
         return Response(newest.jpeg, media_type="image/jpeg", headers=headers)
 
     async def _view(self, request: Request) -> Response:

@@ -216,6 +216,13 @@ def hour_of(folder: Path) -> None:
         log.append(utc, 0, event, {"state": state, "reason": "Calibration verified", "fault": None}, None)
 
 
+def cart_of(folder: Path) -> Path:
+    """A cart's configuration and its last hour, in that folder."""
+    hour_of(folder / "alarms")
+    (folder / "probewatch.toml").write_text(CONFIGURATION.format(folder=folder))
+    return folder
+
+
 class Feed:
     """Sends one picture again and again, without a reference, which no page asks for."""
 
@@ -234,8 +241,8 @@ class Feed:
 class Room:
     """Service, page and browser."""
 
-    def __init__(self, service: Answering, web: WebPage, browser: Browser) -> None:
-        self.service, self._web, self._browser = service, web, browser
+    def __init__(self, service: Answering, url: str, browser: Browser) -> None:
+        self.service, self._url, self._browser = service, url, browser
         self.errors: list[str] = []
 
     @contextmanager
@@ -246,7 +253,7 @@ class Room:
         page = context.new_page()
         page.on("pageerror", lambda error: self.errors.append(str(error)))
         page.on("console", lambda line: self.errors.append(line.text) if line.type == "error" else None)
-        page.goto(self._web.url)
+        page.goto(self._url)
         yield page
         context.close()
         assert self.errors == []
@@ -264,9 +271,7 @@ class Room:
 
 @pytest.fixture(scope="module")
 def looked_at(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Room]:
-    folder = tmp_path_factory.mktemp("cart")
-    hour_of(folder / "alarms")
-    (folder / "probewatch.toml").write_text(CONFIGURATION.format(folder=folder))
+    folder = cart_of(tmp_path_factory.mktemp("cart"))
     feed = Feed(folder / "feed")
     with (
         Answering(folder / "control") as service,
@@ -274,7 +279,7 @@ def looked_at(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Room]:
         WebPage(folder, service.path) as web,
         chromium() as browser,
     ):
-        yield Room(service, web, browser)
+        yield Room(service, web.url, browser)
 
 
 @contextmanager

@@ -132,25 +132,55 @@ function speak(text, now) {
   set(now ? "spoken" : "spoken-now", "");
 }
 
-// Events come four times a second; three seconds without any are a loss, whatever the browser thinks of the connection.
+// Events come four times a second. What is older than a second is grey with its age; three seconds are a loss.
+const OLD_MS = 1000, LOST_MS = 3000;
+// The cart's clock and the browser's differ by a constant: an event as prompt as any so far is taken for one without delay.
+// Crystals drift by less than 2e-4.
+const DRIFT = 2e-4;
+const heard = { at_ms: 0, told_ms: 0, apart_ms: Infinity };
+function hear(told_s) {
+  const now_ms = performance.now(), told_ms = 1000 * told_s;
+  if (told_ms < heard.told_ms || now_ms - heard.at_ms > LOST_MS) heard.apart_ms = Infinity;  // the cart started anew, or slept
+  heard.apart_ms = Math.min(heard.apart_ms + DRIFT * (now_ms - heard.at_ms), now_ms - told_ms);
+  heard.at_ms = now_ms;
+  heard.told_ms = told_ms;
+}
+// The age of what the cart told at a time of its clock.
+function age_ms(told_ms) { return Number.isFinite(heard.apart_ms) ? performance.now() - heard.apart_ms - told_ms : 0; }
+function asOf(old_ms) { return `${say("As of")} ${ago(Math.floor(old_ms / 1000))}`; }
+// What is old is neither good nor bad; an alarm stays red until it is known to have ended.
+function showAge(old_ms) {
+  const old = old_ms > OLD_MS;
+  document.body.classList.toggle("old", old);
+  el("state-old").hidden = !old;
+  if (!old) return;
+  set("state-old", asOf(old_ms));
+  inTab("…", [asOf(old_ms)], el("cart").textContent);
+}
 function listen(show) {
-  let heard = 0, source = null;
+  let source = null;
   function connect() {
     if (source) source.close();
     source = new EventSource("/events");
-    source.onmessage = event => { heard = performance.now(); show(JSON.parse(event.data)); };
+    source.onmessage = message => {
+      const event = JSON.parse(message.data);
+      hear(event.told_s);
+      const old_ms = age_ms(heard.told_ms);
+      if (old_ms > LOST_MS) return;  // a slow network hands out what was said long ago
+      show(event);
+      showAge(old_ms);
+    };
   }
   listen.again = connect;
   connect();
-  heard = performance.now();
-  let tried = heard;
+  heard.at_ms = performance.now();
+  let tried_ms = heard.at_ms;
   setInterval(() => {
-    const now = performance.now();
-    if (now - heard > 3000) {
-      showLoss("This page has lost its cart", "reconnecting");
-      if (now - tried > 3000) { tried = now; connect(); }
-    }
-  }, 500);
+    const now_ms = performance.now(), silent_ms = now_ms - heard.at_ms, old_ms = Math.max(silent_ms, age_ms(heard.told_ms));
+    showAge(old_ms > LOST_MS ? 0 : old_ms);
+    if (old_ms > LOST_MS) showLoss("This page has lost its cart", "reconnecting");
+    if (silent_ms > LOST_MS && now_ms - tried_ms > LOST_MS) { tried_ms = now_ms; connect(); }
+  }, 250);
 }
 
 function refused(text) {
@@ -177,8 +207,11 @@ async function post(path, body) {
 
 // One request at a time, each for a picture newer than the last: a slow tablet sees fewer, and nothing piles up.
 async function follow(canvas, why, drawn) {
-  let number = 0;
+  let number = 0, taken_ms = null;
   const context = canvas.getContext("2d");
+  function none() { taken_ms = null; tell("No picture"); }
+  function tell(text) { why.textContent = say(text); why.hidden = !text; canvas.classList.toggle("old", Boolean(text)); }
+  setInterval(() => { if (taken_ms !== null && age_ms(taken_ms) > OLD_MS) tell(asOf(age_ms(taken_ms))); }, 250);
   for (;;) {
     if (document.hidden) { await new Promise(done => setTimeout(done, 500)); continue; }
     try {
@@ -191,17 +224,16 @@ async function follow(canvas, why, drawn) {
         }
         context.drawImage(bitmap, 0, 0);
         bitmap.close();
-        why.hidden = true;
+        taken_ms = 1000 * Number(answer.headers.get("X-Taken-S"));
+        tell(age_ms(taken_ms) > OLD_MS ? asOf(age_ms(taken_ms)) : "");
         if (drawn) drawn(context, canvas, JSON.parse(answer.headers.get("X-Look")));
         continue;
       }
       number = 0;
-      why.textContent = say("No picture");
-      why.hidden = false;
+      none();
       if (answer.status !== 204) await new Promise(done => setTimeout(done, 1000));
     } catch (error) {
-      why.textContent = say("No picture");
-      why.hidden = false;
+      none();
       await new Promise(done => setTimeout(done, 1000));
     }
   }

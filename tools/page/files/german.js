@@ -60,6 +60,7 @@ const GERMAN = {
   "No picture": "Kein Bild",
   "No answer from the service": "Keine Antwort vom Dienst",
   "Do not rely on the overlay": "Der Überlagerung nicht vertrauen",
+  "As of": "Stand:",
   "This page has lost its cart": "Diese Seite hat ihren Wagen verloren",
   "verified": "bestätigt",
   "not verified now": "jetzt nicht bestätigt",
