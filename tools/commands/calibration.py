@@ -29,10 +29,12 @@ from appliance.storage.calibration_file import (
 from appliance.storage.device_set import clip_px, remarks
 from appliance.storage.reference import candidate_from_content, candidate_of_entry
 from appliance.storage.reference_dates import dates_of
-from appliance.storage.reference_store import FOLDER, Entry, History, content_of, read_history, set_aside
+from appliance.storage.reference_store import FOLDER, Entry, content_of, set_aside
 from appliance.types import Calibration
 from drivers.errors import ConfigurationError, DeviceLost
 from drivers.files.atomic_file import check_new, writing
+from tools.commands.calibration_measured import command as measured
+from tools.shared.alarm_history import references_in
 from tools.shared.interruption import stopped_saying
 from tools.shared.json_report import json_of, json_option
 from tools.shared.named_cart import CONFIG, NAMED, control_option, folder_option, socket_option
@@ -65,8 +67,12 @@ def command() -> None:
       probewatch calibration export 2 --output probe.xml
       probewatch calibration import probe.tfm --image-size 640 480 --output probe.toml
       probewatch calibration reset            # only where the service refuses its history
+      probewatch calibration measured         # by motion, over all examinations
       probewatch calibration recover --output new.toml   # after a FAULT of rotation or offset
     """
+
+
+command.add_command(measured)
 
 
 @command.command(name="list", short_help="the references that were ever in force")
@@ -74,7 +80,7 @@ def command() -> None:
 @json_option
 def list_references(folder: Path, as_json: bool) -> None:
     """Every reference that was ever in force, the present one last."""
-    history = _history(folder)
+    history = references_in(folder)
     if as_json:
         click.echo(json_of(history.model_dump(mode="json")))
         return
@@ -91,7 +97,7 @@ def show(number: int | None, folder: Path, content: bool) -> None:
     """Everything known about reference NUMBER, or about the one in force, including who made and signed it, and until
     when it is valid. Missing data, a placeholder or an impossible date is marked with "!".
     """
-    history = _history(folder)
+    history = references_in(folder)
     entry = history.entry(len(history.entries) if number is None else number)
     if content:
         click.echo(content_of(folder, entry), nl=False)
@@ -351,15 +357,6 @@ def _refuse_running(socket: Path) -> None:
     raise ConfigurationError("a service is running", str(socket), f"Stop it first: {how_to_end(socket)}")
 
 
-def _history(folder: Path) -> History:
-    history = read_history(folder)
-    if history is None or not history.entries:
-        what = "holds no reference yet"
-        remedy = "A new cart has none before its first scan: probewatch recalibrate --live --solve all; of another cart"
-        raise ConfigurationError(what, str(folder), f"{remedy} name --config, or --folder")
-    return history
-
-
 def _pair(before: str, after: str, folder: Path) -> tuple[Calibration, Calibration]:
     """Returns both calibrations. A device set takes the picture size from the other calibration."""
     first, second = _Named(before, folder), _Named(after, folder)
@@ -372,7 +369,7 @@ class _Named:
     """
 
     def __init__(self, name: str, folder: Path) -> None:
-        entry = _history(folder).entry(int(name)) if name.isdecimal() else None
+        entry = references_in(folder).entry(int(name)) if name.isdecimal() else None
         self._content = calibration_bytes(Path(name)) if entry is None else content_of(folder, entry)
         self._file, self._probe = (name, "Probe") if entry is None else (entry.file, entry.probe)
         self.size_px = None if entry is None else entry.image_size_px

@@ -12,7 +12,7 @@ from appliance.core.quality.trend import Trend
 from appliance.storage.alarm_chain import Entry
 from tools.report.page import check_page
 from tools.report.trend_page import write_trend_page
-from tools.shared.alarm_history import settled_log
+from tools.shared.alarm_history import settled_log, tell_damage
 from tools.shared.json_report import json_of, json_option
 from tools.shared.named_cart import folder_argument
 from tools.shared.tables import FittingTable
@@ -57,11 +57,7 @@ def command(folder: Path, reference: int | None, html_path: Path | None, as_json
     if html_path is not None:
         write_trend_page(html_path, number, found, {name: unit_of(name) for name in found}, HEADINGS, rows)
         click.echo(f"written: {html_path}", err=as_json)
-    if reading.broken:
-        what = (
-            f"the alarm log is damaged: {reading.broken[0]}; what it still holds is told. See: probewatch log --verify"
-        )
-        click.secho(what, err=True, fg="red")
+    tell_damage(reading)
     sys.exit(65 if reading.broken else _code(found))
 
 

@@ -1,11 +1,14 @@
-"""Reads the alarm log while the service may be writing to it."""
+"""Reads the alarm log, and the references beside it, while the service may be writing to them."""
 
 import errno
 import os
 from pathlib import Path
 
+import click
+
 from appliance.service.control.rights import join_group
 from appliance.storage.alarm_chain import MEMORY, Reading, read_log, segments
+from appliance.storage.reference_store import History, read_history
 from drivers.errors import ConfigurationError
 
 _LOOKS = 3
@@ -47,3 +50,22 @@ def _settled(folder: Path) -> Reading:
             break
         reading = read_log(folder)
     return reading
+
+
+def references_in(folder: Path) -> History:
+    """Reads the references that were ever in force. folder: of the alarm log. Raises ConfigurationError, also where
+    there is none.
+    """
+    history = read_history(folder)
+    if history is None or not history.entries:
+        what = "holds no reference yet"
+        remedy = "A new cart has none before its first scan: probewatch recalibrate --live --solve all; of another cart"
+        raise ConfigurationError(what, str(folder), f"{remedy} name --config, or --folder")
+    return history
+
+
+def tell_damage(reading: Reading) -> None:
+    """Says on standard error that a log is damaged, if it is, and that what it still holds was told."""
+    if reading.broken:
+        what = f"the alarm log is damaged: {reading.broken[0]}; what it still holds is told"
+        click.secho(f"{what}. See: probewatch log --verify", err=True, fg="red")

@@ -1,7 +1,7 @@
 """What the alarm log says of the drift of each parameter, as rows of a table."""
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from datetime import datetime
 from math import inf, isfinite
 
@@ -17,15 +17,24 @@ _FAR_DAYS = 3650
 
 def trends(entries: Sequence[Entry], reference: int) -> dict[str, Trend]:
     """Returns the trend of each parameter by name, from the estimates under that reference."""
+    limits = {name: limit for entry in _noted(entries, reference) for name, (_, _, limit) in entry[1].items()}
+    return {name: trend(one, limits[name]) for name, one in estimates_of(entries, reference).items()}
+
+
+def estimates_of(entries: Sequence[Entry], reference: int) -> dict[str, list[Estimate]]:
+    """Returns the estimates of each parameter under that reference by name, in the order of the log."""
     known = defaultdict[str, list[Estimate]](list)
-    limits = dict[str, float]()
+    for utc_s, checks in _noted(entries, reference):
+        for name, (value, sigma, _) in checks.items():
+            known[name].append(Estimate(utc_s, value, sigma))
+    return known
+
+
+def _noted(entries: Sequence[Entry], reference: int) -> Iterator[tuple[float, dict[str, list[float]]]]:
+    """(time, figures) of each note under that reference."""
     for entry in entries:
         if entry.event == Event.ESTIMATE and entry.data.get("reference") == reference:
-            utc_s = datetime.fromisoformat(entry.utc).timestamp()
-            for name, (value, sigma, limit) in _figures(entry.data.get("checks")).items():
-                known[name].append(Estimate(utc_s, value, sigma))
-                limits[name] = limit
-    return {name: trend(estimates, limits[name]) for name, estimates in known.items()}
+            yield datetime.fromisoformat(entry.utc).timestamp(), _figures(entry.data.get("checks"))
 
 
 def _figures(checks: object) -> dict[str, list[float]]:

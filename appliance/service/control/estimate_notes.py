@@ -1,40 +1,87 @@
 """Notes in the alarm log, every few minutes, what motion showed of the calibration: what a trend is made of."""
 
+from collections import defaultdict
+from dataclasses import dataclass, field
+
+from appliance.core.parameters import MEASURED, QUANTITIES, class_of
+from appliance.core.quality.accumulation import pooled
 from appliance.core.quality.check_fields import number_or_none
 from appliance.service.control.event_log import EventLog
 from appliance.storage.alarm_chain import Event
 from appliance.storage.reference import Reference
-from appliance.types import PARAMETERS, AlarmState, Check, State, Verdict
+from appliance.types import AlarmState, Check, State, Verdict
 
 _EVERY_NS = 300_000_000_000
-"""Between two entries while the calibration is verified. Windows of 30 s apart are independent; a day of eight hours
-makes 96 of the 40,000 entries that the log keeps. Longer sees a change later."""
-_SETTLED_NS = 30_000_000_000
-"""How long the contact must be closed before an entry: the longest window, which then holds verified motion alone.
-Longer leaves out short examinations."""
+"""Between two entries while the calibration is verified. A day of eight hours makes 96 of the 40,000 entries that the
+log keeps. Longer sees a change later."""
+_LONGEST_NS = 30_000_000_000
+"""The longest window: as long the contact must be closed before one counts, which then holds verified motion alone, and
+so far apart are two that share no motion. Longer leaves out short examinations."""
+_SAME_CALIBRATION = frozenset({State.MONITORING, State.NOT_VERIFIED})
+"""States across which windows are averaged; beyond any other the calibration may have changed."""
+
+
+@dataclass(slots=True)
+class _Windows:
+    """Of one parameter since the last entry. shown_ns: of the last, as in Check; kept from entry to entry."""
+
+    values: list[float] = field(default_factory=list)
+    sigmas: list[float] = field(default_factory=list)
+    limit: float = 0.0
+    shown_ns: int | None = None
+
+    def take(self, check: Check) -> None:
+        """One that shares motion with the last is left out."""
+        value, sigma = number_or_none(check.value), number_or_none(check.sigma)
+        if value is None or sigma is None or check.shown_ns is None:
+            return
+        if self.shown_ns is None or check.shown_ns - self.shown_ns >= _LONGEST_NS:
+            self.values.append(value)
+            self.sigmas.append(sigma)
+            self.limit, self.shown_ns = check.limit, check.shown_ns
 
 
 class EstimateNotes:
-    """One entry at a time: {"reference": number in the history, "checks": {name: [value, sigma, limit]}}."""
+    """One entry at a time: {"reference": number in the history, "checks": {name: [value, sigma, limit]}, "windows":
+    {name: how many were averaged}}.
+    """
 
     def __init__(self, events: EventLog) -> None:
         self._events = events
         self._noted_ns: int | None = None
+        self._number: int | None = None
+        self._windows = defaultdict[str, _Windows](_Windows)
 
     def step(self, now_ns: int, alarm: AlarmState, verdict: Verdict | None, reference: Reference | None) -> None:
         """Take what is in force at this tick."""
-        settled = alarm.state is State.MONITORING and now_ns - alarm.since_ns >= _SETTLED_NS
-        if not settled or verdict is None or reference is None:
+        number = None if reference is None else reference.entry.number
+        if alarm.state not in _SAME_CALIBRATION or number != self._number:
+            self._windows.clear()
+            self._number = number
+        settled = alarm.state is State.MONITORING and now_ns - alarm.since_ns >= _LONGEST_NS
+        if not settled or verdict is None or number is None:
             return
-        if self._noted_ns is not None and now_ns - self._noted_ns < _EVERY_NS:
+        for check in verdict.checks:
+            if check.name in MEASURED:
+                self._windows[check.name].take(check)
+        if self._noted_ns is None or now_ns - self._noted_ns >= _EVERY_NS:
+            self._note(now_ns, number)
+
+    def _note(self, now_ns: int, number: int) -> None:
+        """What motion since the last entry showed; without any the entry waits."""
+        known = {name: one for name, one in self._windows.items() if one.values}
+        if not known:
             return
         self._noted_ns = now_ns
-        checks = {check.name: _figures(check) for check in verdict.checks if check.name in (*PARAMETERS, "latency")}
-        known = {name: three for name, three in checks.items() if three is not None}
-        self._events.note(Event.ESTIMATE, reference=reference.entry.number, checks=known)
+        counts = {name: len(one.values) for name, one in known.items()}
+        self._events.note(
+            Event.ESTIMATE, reference=number, checks={name: _figures(name, one) for name, one in known.items()},
+            windows=counts,
+        )  # fmt: skip
+        for one in known.values():
+            one.values, one.sigmas = [], []
 
 
-def _figures(check: Check) -> list[float] | None:
-    """What was not seen has no value and is left out."""
-    value, sigma = number_or_none(check.value), number_or_none(check.sigma)
-    return None if value is None or sigma is None else [round(value, 4), round(sigma, 4), check.limit]
+def _figures(name: str, windows: _Windows) -> list[float]:
+    value, sigma = pooled(windows.values, windows.sigmas, QUANTITIES[class_of(name)].left_out)
+    return [round(value, 4), round(sigma, 4), windows.limit]

@@ -1,0 +1,82 @@
+"""What all verified motion has measured of a reference, by the estimates in the alarm log: a table, a calibration."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from math import hypot
+from typing import Any
+
+import numpy as np
+
+from appliance.core.parameters import MEASURED, PER_UNIT, QUANTITIES, class_of
+from appliance.core.quality.accumulation import Accumulated, accumulated
+from appliance.storage.alarm_chain import Entry
+from appliance.types import PARAMETERS, Calibration
+from drivers.errors import ConfigurationError
+from tools.shared.tables import NOTHING
+from tools.shared.trend_table import estimates_of
+
+HEADINGS = ("parameter", "by motion", "calibrated to", "apart", "estimates", "examinations")
+
+
+def measured(entries: Sequence[Entry], reference: int) -> dict[str, Accumulated]:
+    """Returns what motion measured of each parameter of that reference, as a change from it, by name."""
+    known = estimates_of(entries, reference)
+    found = {name: accumulated(known[name], QUANTITIES[class_of(name)].left_out) for name in MEASURED if name in known}
+    return {name: one for name, one in found.items() if one is not None}
+
+
+def stated_sigma(name: str, reference: Calibration) -> float | None:
+    """Returns how well the calibration itself states a parameter, in the unit of its checks; None where it does not."""
+    if name not in PARAMETERS or reference.covariance is None:
+        return None
+    index = PARAMETERS.index(name)
+    return float(np.sqrt(reference.covariance[index, index]) * PER_UNIT[index])
+
+
+def apart(one: Accumulated, stated: float | None) -> float:
+    """Returns by how many standard deviations of both motion and calibration differ."""
+    return abs(one.value) / hypot(one.sigma, stated or 0.0)
+
+
+def row_of(name: str, one: Accumulated, reference: Calibration) -> tuple[str, ...]:
+    """Returns the cells under HEADINGS."""
+    unit, stated = QUANTITIES[class_of(name)].unit, stated_sigma(name, reference)
+    return (
+        name,
+        f"{one.value:+.2f} ± {one.sigma:.2f} {unit}",
+        NOTHING if stated is None else f"± {stated:.2f} {unit}",
+        f"{apart(one, stated):.1f} sigmas",
+        str(one.estimates),
+        str(one.examinations),
+    )
+
+
+def fields_of(name: str, one: Accumulated, reference: Calibration) -> dict[str, Any]:
+    """Returns one parameter for JSON."""
+    stated = stated_sigma(name, reference)
+    return {
+        "name": name,
+        "unit": QUANTITIES[class_of(name)].unit,
+        "value": one.value,
+        "sigma": one.sigma,
+        "calibrated_sigma": stated,
+        "apart_sigmas": apart(one, stated),
+        "between": one.between,
+        "estimates": one.estimates,
+        "examinations": one.examinations,
+    }
+
+
+def in_vivo(found: Mapping[str, Accumulated], reference: Calibration) -> Calibration:
+    """Returns the reference with what motion measured of it, and the standard deviations of that.
+
+    Raises ConfigurationError where motion has not measured all eight parameters.
+    """
+    missing = [name for name in PARAMETERS if name not in found]
+    if missing:
+        what = f"holds no estimate of {', '.join(missing)}, so motion has measured no whole calibration"
+        raise ConfigurationError(what, "the alarm log", "Scan on: the service notes one in five minutes while verified")
+    units = PER_UNIT[: len(PARAMETERS)]
+    change = np.array([found[name].value for name in PARAMETERS]) / units
+    sigmas = np.array([found[name].sigma for name in PARAMETERS]) / units
+    return replace(reference.changed(change), covariance=np.diag(sigmas**2))
