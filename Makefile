@@ -94,6 +94,7 @@ false-alarms: $(VENV)/dev ##+ signs and names in healthy scanning, on paths with
 
 coverage-page: $(VENV)/dev ##+ how often healthy scanning is verified: docs/coverage.md (for two idle processors, about fifteen minutes)
 	$(MEASURED) coverage $(WHERE)
+	$(MEASURED) worlds $(WHERE)
 	$(BIN)/python -m tools.development.manual
 
 test-deb: deb ##+ builds the packages, then looks at what is in them and runs what this machine's Python can

@@ -25,6 +25,7 @@ from tools.demo.outcome import History, Moment, Prompt, Switch, judge
 from tools.demo.report import Circumstances, print_report, report_fields
 from tools.demo.script import Planned, Script, chosen_plan, default_plan
 from tools.shared.json_report import json_option, text_aside
+from tools.shared.point_text import point_text
 from tools.shared.status_view import Status
 from tools.simulators.whole_cart import CartSettings, NotReady, SimulatedCart
 
@@ -216,6 +217,8 @@ class Operator:
         self._switches: list[Switch] = []
         self._acknowledged_s: list[float] = []
         self._prompts: list[Prompt] = []
+        self._point_mm: float | None = None
+        self._told_point = False
         self._ask_s = 0.0
         self._answered_s = time.monotonic()
         self.counters: dict[str, int] = {}
@@ -233,6 +236,7 @@ class Operator:
         self._load.look(overloaded=status["load"]["overloaded_s"] is not None)
         self._note_state(t_s, status)
         self._note_prompt(t_s, status)
+        self._note_point(t_s, status)
         if self._director.step(t_s, State(status["state"])):
             self._cart.show_faults(self._director.orders)
         self._note_contact()
@@ -252,7 +256,7 @@ class Operator:
         """The states and faults seen so far."""
         seen = tuple(self._moments), tuple(self._switches), tuple(self._acknowledged_s)
         busy_s, prompts = self._load.spans_s(self._cart.clock), tuple(self._prompts)
-        return History(*seen, end_s=self._cart.now_s(), busy_s=busy_s, prompts=prompts)
+        return History(*seen, self._cart.now_s(), busy_s, prompts, self._point_mm)
 
     def _wait_for_answer(self) -> None:
         if time.monotonic() - self._answered_s > _ANSWER_S:
@@ -286,6 +290,18 @@ class Operator:
         if asked and (not self._prompts or prompt.text != self._prompts[-1].text):
             self._prompts.append(prompt)
             self._view.event(t_s, prompt.text)
+
+    def _note_point(self, t_s: float, status: Status) -> None:
+        """Tells once after each verification how far off a point of the picture may be, and keeps the least of it."""
+        point = status["point"] if State(status["state"]) is State.MONITORING else None
+        if point is None:
+            self._told_point = self._told_point and State(status["state"]) is State.MONITORING
+            return
+        if not self._told_point:
+            self._told_point = True
+            self._view.event(t_s, point_text(point))
+        worst_mm = point["worst_mm"][1]
+        self._point_mm = worst_mm if self._point_mm is None else min(self._point_mm, worst_mm)
 
     def _note_contact(self) -> None:
         said = [event for event in tuple(self._cart.twins["relay_board"].said) if "energised" in event]

@@ -60,7 +60,8 @@ class Prompt:
 @dataclass(frozen=True, slots=True)
 class History:
     """Everything seen during a run, in time order. end_s: when it ended. busy_s: from when until when the machine was
-    too busy for a cart in real time. prompts: each that differed from the one before.
+    too busy for a cart in real time. prompts: each that differed from the one before. point_mm: least bound (99.7 %) of
+    the error of a point while the calibration was verified, None where none was told.
     """
 
     moments: tuple[Moment, ...]
@@ -69,6 +70,7 @@ class History:
     end_s: float
     busy_s: tuple[tuple[float, float], ...] = ()
     prompts: tuple[Prompt, ...] = ()
+    point_mm: float | None = None
 
     def busy(self, from_s: float, until_s: float) -> bool:
         """Whether the machine was too busy then for anything to be concluded of it."""
@@ -109,6 +111,7 @@ class Outcome:
     """The judgement. verified_s: when the calibration was first verified. unexpected: alarms without their fault.
 
     sentence: why the run failed, empty where it passed. too_busy: the machine was too busy then, so it says nothing.
+    point_mm: as in History.
     """
 
     findings: tuple[Finding, ...]
@@ -116,6 +119,7 @@ class Outcome:
     verified_s: float | None
     sentence: str
     too_busy: bool = False
+    point_mm: float | None = None
 
     @property
     def passed(self) -> bool:
@@ -128,9 +132,8 @@ def judge(script: Script, history: History) -> Outcome:
     unexpected = _unexpected(script, findings, history)
     verified_s = next((one.t_s for one in history.moments if one.state is State.MONITORING), None)
     cause = _cause(script, findings, unexpected, verified_s)
-    if cause is None:
-        return Outcome(findings, unexpected, verified_s, "")
-    return Outcome(findings, unexpected, verified_s, cause.sentence, history.busy(cause.from_s, cause.until_s))
+    sentence, busy = ("", False) if cause is None else (cause.sentence, history.busy(cause.from_s, cause.until_s))
+    return Outcome(findings, unexpected, verified_s, sentence, busy, history.point_mm)
 
 
 def _find(injection: Injection, until_s: float, history: History) -> Finding:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from rich.console import Console
 
+from appliance.core.quality.check_fields import up_to
 from appliance.types import State
 from tools.demo.outcome import Finding, History, Moment, Outcome, Prompt
 from tools.shared.tables import NOTHING, FittingTable
@@ -40,10 +41,11 @@ def _sentence(outcome: Outcome) -> str:
     if not outcome.passed:
         return f"FAILED: {outcome.sentence}"
     number = len(outcome.findings)
+    worth = "" if outcome.point_mm is None else f" Verified to {up_to(outcome.point_mm)} mm."
     if number == 0:
-        return f"PASSED: calibration verified at {outcome.verified_s:.1f} s, and nothing alarmed."
+        return f"PASSED: calibration verified at {outcome.verified_s:.1f} s, and nothing alarmed.{worth}"
     faults = "The fault was" if number == 1 else f"All {number} faults were"
-    return f"PASSED: {faults} found, rightly named, halted and recovered from; nothing else alarmed."
+    return f"PASSED: {faults} found, rightly named, halted and recovered from; nothing else alarmed.{worth}"
 
 
 def _timeline(findings: tuple[Finding, ...]) -> FittingTable:
@@ -77,6 +79,7 @@ def report_fields(outcome: Outcome, history: History, circumstances: Circumstanc
         "tissue": circumstances.tissue,
         "duration_s": _number(history.end_s),
         "verified_s": _number(outcome.verified_s),
+        "point_mm": _number(outcome.point_mm),
         "faults": [_fault(one) for one in outcome.findings],
         "unexpected": [_moment(one) for one in outcome.unexpected],
         "timeline": [_moment(one) for one in history.moments],

@@ -43,6 +43,17 @@ _SHORT_SIZES = (
 """Twice the limit of each, and the latency of a real recording."""
 
 
+WORLDS = (
+    *("layers", "convex", "ribs-1", "ribs-2", "gas-1", "peel-0.6", "contact-0.6", "needle+half-30+deep"),
+    *("half-30+deep", "half-20+deep", "layer-80+deep", "half-30+drag-2+deep", "foam-0.5+deep"),
+    *("breath-12-axial", "breath-12-elevational", "breath-8-oblique+half-30+deep", "organ-8-axial+half-30+deep"),
+    *("persistence-0.5", "slow", "jpeg-30", "tracker-0.8", "tracker-0.8+half-30+deep"),
+)
+"""One or two of each kind of `surroundings`, healthy: soft ones with pictures deep enough to be verified."""
+_WORLD_S = 20.0
+"""Of a session in one of them: the slowest are verified after 16 s."""
+
+
 def short_hazards() -> tuple[Hazard, ...]:
     """Each size in every manner that it can have, metal, another probe, and the wrong conventions."""
     each = [
@@ -58,6 +69,11 @@ def coverage_plan(seeds: int) -> list[Conditions]:
     begun = tuple(name for name in GESTURED if name != "gesture")
     alone = planned(tuple(PROGRAMS), TISSUES, seeds, _NOISES_MM, [Hazard()], asked=WITHOUT_OFFSETS)
     return alone + planned(begun, TISSUES, seeds, _NOISES_MM, [Hazard()])
+
+
+def worlds_plan(seeds: int) -> list[Conditions]:
+    """A healthy cart in every kind of world: a gesture, then a hold."""
+    return planned(("gesture-hold",), WORLDS, seeds, _NOISES_MM, [Hazard()], _WORLD_S)
 
 
 def short_plan(seeds: int) -> list[Conditions]:
@@ -79,7 +95,12 @@ def full_plan(seeds: int) -> list[Conditions]:
     return planned(_FULL_SESSIONS, TISSUES, seeds, _NOISES_MM, sick, 60.0, asked=WITHOUT_OFFSETS) + healthy
 
 
-PLANS = {"coverage": (coverage_plan, 1), "short": (short_plan, 2), "full": (full_plan, _FULL_SEEDS)}
+PLANS = {
+    "coverage": (coverage_plan, 1),
+    "worlds": (worlds_plan, 2),
+    "short": (short_plan, 2),
+    "full": (full_plan, _FULL_SEEDS),
+}
 """Name → runs for a number of seeds, and the usual number."""
 
 

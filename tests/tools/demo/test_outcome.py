@@ -111,6 +111,15 @@ def test_without_faults_only_quiet_is_asked_for() -> None:
     assert judge(Script((), 30.0), History(HEALTHY, SWITCHES[:1], (), 30.0)).passed
 
 
+def test_what_the_calibration_is_worth_is_told_in_millimetres_and_never_as_less() -> None:
+    history = History(GOOD, SWITCHES, (41.0,), 90.0, point_mm=3.81)
+    outcome = judge(SCRIPT, history)
+    console = Console(file=io.StringIO(), width=200)
+    print_report(console, outcome)
+    assert console.file.getvalue().rstrip().endswith("nothing else alarmed. Verified to 3.9 mm.")
+    assert report_fields(outcome, history, Circumstances(1, 1.0, "rigid", {}))["point_mm"] == 3.81
+
+
 def test_the_report_is_json_and_a_table_of_80_columns() -> None:
     history = History((*GOOD, moment(75, WARNING, "latency")), SWITCHES, (41.0,), 90.0)
     outcome = judge(SCRIPT, history)
