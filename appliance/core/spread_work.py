@@ -48,3 +48,39 @@ def run_to_end(steps: Steps[Result]) -> Result:
         except StopIteration as done:
             result: Result = done.value
             return result
+
+
+class SpreadWork:
+    """Runs a computation in steps, a share of it at a time. next_us: what its next step costs; 0 before the first."""
+
+    def __init__(self) -> None:
+        self._steps: Steps[None] | None = None
+        self.next_us = 0
+
+    @property
+    def under_way(self) -> bool:
+        """Whether a computation has begun and is not done."""
+        return self._steps is not None
+
+    def begin(self, steps: Steps[None]) -> None:
+        """Begins a computation; the one under way is dropped."""
+        self._steps, self.next_us = steps, 0
+
+    def drop(self) -> None:
+        """Drops the computation under way."""
+        self._steps = None
+
+    def go_on(self, most_us: int) -> None:
+        """Runs the next step, and further steps while the total stays within `most_us`."""
+        left_us = max(most_us, self.next_us)
+        while self._steps is not None and self.next_us <= left_us:
+            left_us -= self.next_us
+            cost_us = next(self._steps, None)
+            if cost_us is None:
+                self._steps = None
+            self.next_us = cost_us or 0
+
+    def finish(self) -> None:
+        """Runs all steps that are left."""
+        while self.under_way:
+            self.go_on(0)

@@ -3,11 +3,9 @@ calibration.
 """
 
 from dataclasses import replace
-from math import isnan
 
-from appliance.core.detectors.calibration_change import latency_check
 from appliance.core.detectors.polarity import obvious_flip
-from appliance.core.handeye.second_opinion import SecondOpinion, second_opinion
+from appliance.core.handeye.second_opinion import SecondOpinion
 from appliance.core.parameters import BREATHED
 from appliance.core.path.explanation import Explanation
 from appliance.core.path.solver import Follow
@@ -21,7 +19,7 @@ from appliance.core.quality.confirmation import (
     since_change,
     with_accusation,
 )
-from appliance.core.quality.examination import Finding, examine, examine_nothing, lag_known, latency_of, without
+from appliance.core.quality.examination import Finding, examine_nothing, lag_known, latency_of, without
 from appliance.core.quality.examiner import Examiner
 from appliance.core.quality.field_distortion import FieldDistortion
 from appliance.core.quality.point_watch import PointWatch
@@ -30,7 +28,8 @@ from appliance.core.quality.sequential_test import WINDOW_NS, Accusation, accuse
 from appliance.core.quality.stationary_time import StationaryTime
 from appliance.core.quality.undecided import Choice, undecided
 from appliance.core.quality.verification import Verification, VerificationStatus
-from appliance.core.spread_work import Steps
+from appliance.core.quality.whole_session import WholeSession, whole_session
+from appliance.core.spread_work import SpreadWork, Steps
 from appliance.core.times import CHANGE_WINDOW_NS, PRESENT_NS, SELDOM_NS, SWEEP_WINDOW_NS
 from appliance.limits import NAMED_NATS, Limits
 from appliance.types import Calibration, Check, Fault, VerdictKind
@@ -69,8 +68,7 @@ class Evidence:
         self._long_ns = 0
         self.nats: float | None = None
         self._examiner = Examiner(reference, limits)
-        self._under_way: Steps[None] | None = None
-        self._next_us = 0
+        self._solution = SpreadWork()
 
     @property
     def estimate(self) -> Calibration | None:
@@ -119,7 +117,7 @@ class Evidence:
     def _resets(self) -> dict[tuple[State, Effect], Reset]:
         examiner, verification, cleared, cut = self._examiner, self._verification, Effect.CLEARED, Effect.CUT
         return {
-            (State.SOLVING, cleared): lambda _: self._drop(),
+            (State.SOLVING, cleared): lambda _: self._solution.drop(),
             (State.MOTION, cleared): lambda _: self.window.restart(),
             (State.MOTION, cut): self.window.forget,
             (State.SHOWN, cleared): lambda _: verification.restart(),
@@ -141,9 +139,6 @@ class Evidence:
             (State.POSES, cut): self.window.poses.forget,
             (State.PACE, cleared): lambda _: self.points.pace.restart(),
         }
-
-    def _drop(self) -> None:
-        self._under_way = None
 
     def _clear_latest(self) -> None:
         self._latest, self._long_ns = self._nothing, 0
@@ -205,68 +200,47 @@ class Evidence:
         """The checks of the solution that determines most parameters; the solution over all motion that is kept is one
         of the candidates.
         """
-        self._end()
-        about_s = self._about_s()
-        whole = examine(self.window.since(self._memory.valid_ns), self._reference, self._limits, about_s=about_s)
+        self._solution.finish()
+        session = self._session()
+        whole = session.finding()
         if whole.shown >= self._best.shown and whole.failed <= self._latest.failed:
             self._best = whole
-        latency = latency_check(self.window.latency(about_s), self._limits, self.window.stamps_err_s)
-        best = (_sharper_check(check, latency) if check.name == latency.name else check for check in self._best.checks)
+        best = session.with_sharper_latency(self._best.checks)
         return (*best, *([] if self.distortion.check is None else [self.distortion.check]))
 
     def constant_latency(self) -> Check:
         """The tracker's latency from all motion that is kept, under the assumption that it has not changed. Unlike
         `final` it keeps the motion before a change, so it is more accurate for a recording made to measure the latency.
         """
-        return latency_of(examine(self.window, self._reference, self._limits, about_s=self._about_s()))
+        return self._session().constant_latency()
 
     def second_opinion(self) -> SecondOpinion | None:
         """The closed-form estimate from all motion since the last change."""
-        window = self.window.since(self._memory.valid_ns)
-        latency = window.latency(self._about_s())
-        samples = window.samples(0.0 if latency is None else latency.value_s)
-        return second_opinion(samples, self._reference)
+        return self._session().second_opinion()
 
-    def _about_s(self) -> float:
-        """Returns the latency around which the whole recording is searched: the one that explains its latest motion, or
-        else one beyond its limit that all of it shows.
-        """
-        far = None if self._examiner.about_s else self.window.far_latency()
-        if far is None or abs(far.value_s) * 1e3 <= self._limits.latency_ms:
-            return self._examiner.about_s
-        return far.value_s
+    def _session(self) -> WholeSession:
+        return whole_session(self.window, self._reference, self._limits, self._memory.valid_ns, self._examiner.about_s)
 
     def solve(self, now_ns: int) -> None:
         """Runs a solution from start to end."""
         self.begin(now_ns)
-        self._end()
-
-    def _end(self) -> None:
-        while self.under_way:
-            self.go_on(0)
+        self._solution.finish()
 
     def begin(self, now_ns: int) -> None:
         """Starts a solution of the current data; one in progress is dropped.
 
         `now_ns` is the time of the latest picture, which need not have shown motion.
         """
-        self._under_way = self._solving(self.window.as_now(), now_ns)
-        self._next_us = 0
+        self._solution.begin(self._solving(self.window.as_now(), now_ns))
 
     @property
     def under_way(self) -> bool:
         """Whether a solution is in progress."""
-        return self._under_way is not None
+        return self._solution.under_way
 
     def go_on(self, most_us: int) -> None:
         """Runs the next step of the solution in progress, and further steps while the total stays within `most_us`."""
-        left_us = max(most_us, self._next_us)
-        while self._under_way is not None and self._next_us <= left_us:
-            left_us -= self._next_us
-            cost_us = next(self._under_way, None)
-            if cost_us is None:
-                self._under_way = None
-            self._next_us = cost_us or 0
+        self._solution.go_on(most_us)
 
     def _solving(self, window: PathWindow, now_ns: int) -> Steps[None]:
         """Examines the short window for a change, drops the motion before one, and examines the rest. All of it uses
@@ -307,7 +281,7 @@ class Evidence:
         except ValueError:
             return
         if check is not None:
-            self._under_way = None
+            self._solution.drop()
             self._verification.contradict((check,), frozenset({check.name}), self.window.now_ns)
             self._memory = replace(self._memory, suspects=self._memory.suspects | {check.name})
             checks = (check if one.name == check.name else one for one in self._latest.checks)
@@ -414,8 +388,3 @@ class Evidence:
             self._contradict(finding.checks, frozenset(), whole)
             finding = without(finding, finding.failed)
         return replace(finding, checks=self._verification.weigh(finding.checks, window.start_ns))
-
-
-def _sharper_check(check: Check, whole: Check) -> Check:
-    """Returns the check with the smaller sigma of two checks of one quantity; a NaN sigma counts as the larger."""
-    return whole if isnan(check.sigma) or whole.sigma < check.sigma else check

@@ -126,6 +126,6 @@ def test_no_piece_is_long(seconds: float) -> None:
     costs_us = list[int]()
     while evidence.under_way:
         evidence.go_on(0)
-        costs_us.append(evidence._next_us)
+        costs_us.append(evidence._solution.next_us)
     assert max(costs_us) <= MOST_PIECE_US
     assert sum(costs_us) > 2 * MOST_PIECE_US, "or there is nothing to spread"
