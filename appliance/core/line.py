@@ -10,25 +10,27 @@ from appliance.core.acquisition.input_validation import checked_pose, refused_pi
 from appliance.core.acquisition.pairing import Pairing, Unpaired
 from appliance.core.acquisition.stamp_gate import StampCheck, StampGate
 from appliance.core.detectors.depth_ruler import DepthRuler
-from appliance.core.detectors.detector import Detector, Observation
+from appliance.core.detectors.detector import Detector
 from appliance.core.detectors.exchanged_probe import ExchangedProbe
 from appliance.core.detectors.fan_watch import FanWatch
 from appliance.core.detectors.frozen_tracker import FrozenTracker
 from appliance.core.detectors.frozen_video import FrozenVideo
 from appliance.core.detectors.marker_slip import MarkerSlip
 from appliance.core.detectors.no_picture import NoPicture
+from appliance.core.detectors.observation import Observation, observed
 from appliance.core.detectors.picture_chain import PictureChain
 from appliance.core.detectors.pose_convention import PoseConvention
 from appliance.core.detectors.slow_slip import SLIPS_S, SlowSlip
 from appliance.core.detectors.split_slip import SplitSlip
 from appliance.core.detectors.witness import Witness
-from appliance.core.motion import analyse, plane_step, quick, wants_keyframe
+from appliance.core.motion import analyse, quick, wants_keyframe
 from appliance.core.path.window import PathWindow
 from appliance.core.quality.evidence import Evidence
 from appliance.core.quality.judgement import Judgement, bounded, judge
 from appliance.core.quality.point_error import Bounds
 from appliance.core.quality.proposal import propose
 from appliance.core.quality.report import LineReport
+from appliance.core.quality.solution_schedule import SolutionSchedule
 from appliance.core.quality.verification import VerificationStatus
 from appliance.core.registration.averaging import FrameAveraging
 from appliance.core.registration.pyramid import Bits
@@ -41,29 +43,9 @@ from drivers.samples import Frame, Matrix4, Pose
 
 REPORTS_FAULTS = (Fault.SCALE,)
 
-_SOLVE_EVERY_NS = 330_000_000
-"""Between two solutions of the window. A fault is named by two in a row, so longer names it later; shorter costs the
-processor (the line's share of a picture: `make bench`).
-"""
-_SOLVE_FIRST_NS, _FIRST_NS = 200_000_000, 2_000_000_000
-"""The same while the window is so short: what is wrong from the start shows within it, and short windows cost little.
-Less has two solutions in a row share more of their noise; more names flips, lags and pose conventions later.
-"""
-_SOLVE_UNPAIRED_NS = 1_000_000_000
-"""Without poses only what leaves the window changes. When a tracker returns, all pictures that wait are settled in one
-step, and a step longer than `Timeouts.estimator_ns` is reported as a silent estimator."""
-_WORK_SHARE = 0.17
-"""Share of the time from picture to picture that a solution under way may take, by what its pieces cost (`Cost`):
-5.7 ms of 33. More lengthens the longest pictures, less makes solutions ready later. They cost 17 ms on average, 37 at
-nine in ten, 50 with breathing (paths without pictures, one seed), so they are ready after .1 s, .2 and .3.
-"""
 _QUICK_PICTURES = 4
 """By whose poses the hand is quick. Two are called so by the noise of a tracker alone, of .1 mm in one picture of ten
 of a slow circle; more ask for a hand that is quick for longer. Not varied."""
-_STEADY_CORRELATION = 0.6
-"""Likeness from which a picture may testify against the tracker. Less takes a bad registration for a leap of the
-marker; more pauses the search for leaps in quick sweeps. Not measured.
-"""
 _SIZE_PERCENT = 0.1
 """The limit reported with a picture of another size, which fails however little it differs: 1 px of 640 is .16 %."""
 _GAP_NS = MOST_APART_NS
@@ -72,15 +54,6 @@ for new motion whenever a hand passes before the markers; longer leaves time to 
 between two poses that are bridged: beyond it no picture has a pose, and the slip watch begins again. A grabber faster
 than the scanner may hand a picture on for as long.
 """
-
-
-def solve_every_ns(window_ns: int, paired: bool) -> int:
-    """Time from one solution to the next. window_ns: length of the motion that is remembered. paired: whether there is
-    a pose of the picture's time.
-    """
-    if not paired:
-        return _SOLVE_UNPAIRED_NS
-    return _SOLVE_FIRST_NS if window_ns < _FIRST_NS else _SOLVE_EVERY_NS
 
 
 class Line:
@@ -129,8 +102,7 @@ class Line:
         )
         self._judgement = Judgement(limits.required_age_s.names)
         self._known_poses: tuple[tuple[int, Matrix4], ...] = ()
-        self._solve_ns: int | None = None
-        self._settled_ns: int | None = None
+        self._schedule = SolutionSchedule()
         self._sighted_ns: int | None = None
         self._broke = False
         self._frames = self._poses = self._paired = 0
@@ -269,7 +241,7 @@ class Line:
             if self._frozen.repeats_ns > _GAP_NS:
                 self._lose_sight(t_ns)
         self._note_sight(item)
-        self._solve(t_ns, solve_every_ns(self._evidence.window.span_ns, isinstance(item, StampedPair)))
+        self._solve(t_ns, isinstance(item, StampedPair))
         self._evidence.check_obvious_flip()
         return self._judged(t_ns, self._checks())
 
@@ -344,7 +316,7 @@ class Line:
         frame = item.frame
         self._tracker.may = self._evidence.window.tissue
         tracked = self._tracker.step(frame.image, frame.sequence)
-        seen = self._observed(item, tracked)
+        seen = observed(item.frame, item.matrix if isinstance(item, StampedPair) else None, tracked, self._reference)
         motion = self._analyse(item, tracked) if isinstance(item, StampedPair) else None
         if isinstance(item, StampedPair):
             self._evidence.stationary.step(frame.stamp.t_ns, item.matrix, self._tracker)
@@ -391,46 +363,11 @@ class Line:
         changed = [detector.see(seen) for detector in self._detectors]
         return any(changed)
 
-    def _observed(self, item: StampedPair | Unpaired, tracked: Tracked) -> Observation:
-        frame, found = item.frame, tracked.registration
-        pose = item.matrix if isinstance(item, StampedPair) else None
-        if found is None:
-            return Observation(frame.stamp.t_ns, frame.image, repeated=False, pose=pose)
-        return Observation(
-            frame.stamp.t_ns,
-            frame.image,
-            repeated=False,
-            followed=True,
-            step_mm=self._step_mm(tracked),
-            moved=None if tracked.step is None else plane_step(*tracked.step, self._reference),
-            warp=tracked.step,
-            likeness=found.correlation,
-            keyframe=tracked.keyframe,
-            pose=pose,
-        )
-
-    def _step_mm(self, tracked: Tracked) -> Array | None:
-        """(2,) as `Observation` has it."""
-        found = tracked.registration
-        if tracked.step is None or found is None or found.correlation < _STEADY_CORRELATION:
-            return None
-        return tracked.step[0] * self._reference.scale_mm_per_px
-
-    def _solve(self, t_ns: int, every_ns: int) -> None:
-        """Begin the next solution where it is due, and go on with the one that is under way."""
-        since_ns = 0 if self._settled_ns is None else max(t_ns - self._settled_ns, 0)
-        self._settled_ns = t_ns
-        evidence, begun_ns = self._evidence, self._solve_ns
-        if begun_ns is None or not evidence.under_way:
-            if begun_ns is not None and 0 <= t_ns - begun_ns < every_ns:
-                return
-            begun_ns = self._solve_ns = t_ns
-            evidence.begin(t_ns)
-        evidence.go_on(round(_WORK_SHARE * since_ns / 1e3))
-        if evidence.under_way:
-            return
-        for detector in self._detectors:
-            detector.on_verified(self._evidence.shows, begun_ns)
+    def _solve(self, t_ns: int, paired: bool) -> None:
+        begun_ns = self._schedule.step(self._evidence, t_ns, paired)
+        if begun_ns is not None:
+            for detector in self._detectors:
+                detector.on_verified(self._evidence.shows, begun_ns)
 
     def _wrong_size(self, width: int, height: int) -> Check:
         wanted = self._reference.image_size_px

@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 
-from appliance.core.detectors.detector import Observation
+from appliance.core.detectors.observation import Observation
 from appliance.core.detectors.picture_chain import PictureChain
 from appliance.core.registration.realtime_tracker import RealTimeTracker
 from appliance.limits import Limits

@@ -17,10 +17,10 @@ from pathlib import Path
 import click
 import numpy as np
 
-from appliance.core.line import solve_every_ns
 from appliance.core.path.window import PathWindow
 from appliance.core.quality.evidence import Evidence
 from appliance.core.quality.judgement import judge
+from appliance.core.quality.solution_schedule import solve_every_ns
 from appliance.limits import Limits
 from appliance.supervision.supervisor import TICK_NS, Durations, Inputs, Supervisor
 from appliance.types import Fault, Motion, MotionKind, State, VerdictKind

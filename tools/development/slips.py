@@ -15,8 +15,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from appliance.core.detectors.detector import Detector, Observation
+from appliance.core.detectors.detector import Detector
 from appliance.core.detectors.marker_slip import MarkerSlip
+from appliance.core.detectors.observation import Observation
 from appliance.core.detectors.slow_slip import SLIPS_S, SlowSlip
 from appliance.core.line import Line
 from appliance.limits import Limits

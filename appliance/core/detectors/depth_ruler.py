@@ -5,7 +5,8 @@ from math import hypot
 
 import numpy as np
 
-from appliance.core.detectors.detector import Detector, Observation
+from appliance.core.detectors.detector import Detector
+from appliance.core.detectors.observation import Observation
 from appliance.core.detectors.ruler import Ruler, candidates, ruler_again, ruler_at
 from appliance.core.registration.pyramid import Bits
 from appliance.types import Check, Fault, VerdictKind

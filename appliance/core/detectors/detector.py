@@ -4,36 +4,10 @@ Pure: time is in the stamps. A detector overrides what concerns it; the others d
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
-from appliance.core.registration.realtime_tracker import Warp
+from appliance.core.detectors.observation import Observation
 from appliance.types import Check, Fault
-from drivers.rigid import Array
-from drivers.samples import GreyImage, Matrix4, Pose
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Observation:
-    """What the line has made of one picture that has the size of the reference's.
-
-    image: (h, w) uint8. repeated: the same picture as the one before, which shows nothing new. followed: the Real-time
-    Tracker registered it. step_mm: (2,) lateral and axial motion since the picture before; None where it was followed
-    too badly to testify against the tracker. moved: (3,) way of the picture plane since the picture before, lateral and
-    axial mm and turn rad in the axes of that one; None where it is not known. warp: the same of the tissue in the
-    picture, (u (2,) px, α rad), as `Registration` has it. likeness: to its keyframe, 0 … 1; keyframe: which one.
-    pose: (4, 4) sensor → tracker at its time, mm; None for a picture without one.
-    """
-
-    t_ns: int
-    image: GreyImage
-    repeated: bool
-    followed: bool = False
-    step_mm: Array | None = None
-    moved: Array | None = None
-    warp: Warp | None = None
-    likeness: float = 0.0
-    keyframe: int = 0
-    pose: Matrix4 | None = None
+from drivers.samples import Pose
 
 
 class Detector:

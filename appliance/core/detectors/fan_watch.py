@@ -9,10 +9,11 @@ from math import isfinite
 
 import numpy as np
 
-from appliance.core.detectors.detector import Detector, Observation
+from appliance.core.detectors.detector import Detector
 from appliance.core.detectors.fan import Fan, fan_near, scale_sigmas, searching
 from appliance.core.detectors.fan_borders import ASPECT, BOTTOM, FACE, FACE_RADIUS, LEFT, RIGHT, joined, window
 from appliance.core.detectors.fan_change import FanChange, change_between
+from appliance.core.detectors.observation import Observation
 from appliance.limits import Limits
 from appliance.types import Calibration, Check, Fault, VerdictKind
 from drivers.rigid import Array

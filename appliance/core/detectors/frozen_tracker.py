@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from appliance.core.detectors.detector import Detector, Observation
+from appliance.core.detectors.detector import Detector
+from appliance.core.detectors.observation import Observation
 from appliance.types import Check, Fault, VerdictKind
 from drivers.samples import Matrix4, Pose
 

@@ -22,8 +22,8 @@ from math import hypot, log, sqrt
 import numpy as np
 
 from appliance.core.detectors.body_slip import ALIKE, DENIED, LAGS_NS, SHIFT_NS, BodySlip, extent
-from appliance.core.detectors.detector import Observation
 from appliance.core.detectors.leap import Leap, around_step, fit_leap, retraced, uneven_step
+from appliance.core.detectors.observation import Observation
 from appliance.core.times import MOST_APART_NS
 from appliance.limits import Limits
 from appliance.types import Calibration, Check, Fault, VerdictKind

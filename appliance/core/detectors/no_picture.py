@@ -3,7 +3,8 @@
 from itertools import cycle
 from math import exp
 
-from appliance.core.detectors.detector import Detector, Observation
+from appliance.core.detectors.detector import Detector
+from appliance.core.detectors.observation import Observation
 from appliance.core.registration.texture import Texture, TextureReader
 from appliance.types import Check, Fault, VerdictKind
 from drivers.samples import GreyImage

@@ -13,9 +13,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from appliance.core.detectors.detector import Detector, Observation
+from appliance.core.detectors.detector import Detector
 from appliance.core.detectors.double_exposure import DoubleExposure
 from appliance.core.detectors.magnification import Magnification, is_even, pressed_between
+from appliance.core.detectors.observation import Observation
 from appliance.core.detectors.picture_change import (
     PictureChange,
     flip_or_zoom_of,

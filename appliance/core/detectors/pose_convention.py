@@ -6,7 +6,8 @@ searched for elsewhere (`appliance.core.path.explanation`) and named here.
 
 from collections.abc import Callable
 
-from appliance.core.detectors.detector import Detector, Observation
+from appliance.core.detectors.detector import Detector
+from appliance.core.detectors.observation import Observation
 from appliance.core.path.conventions import READINGS, Convention
 from appliance.core.path.explanation import MARGIN, Explanation
 from appliance.types import Check, Fault, VerdictKind

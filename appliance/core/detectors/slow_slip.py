@@ -9,7 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from appliance.core.detectors.detector import Detector, Observation
+from appliance.core.detectors.detector import Detector
+from appliance.core.detectors.observation import Observation
 from appliance.limits import Limits
 from appliance.types import Calibration, Check
 from drivers.rigid import Array, inverse, rigid, vector_from_rotation

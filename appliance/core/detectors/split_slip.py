@@ -13,7 +13,7 @@ from math import hypot, log, sqrt
 import numpy as np
 
 from appliance.core.detectors.body_slip import ALIKE, DENIED, LAGS_NS, SHIFT_NS, BodySlip
-from appliance.core.detectors.detector import Observation
+from appliance.core.detectors.observation import Observation
 from appliance.core.times import MOST_APART_NS
 from appliance.limits import Limits
 from appliance.types import Calibration, Check

@@ -11,7 +11,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from appliance.core.detectors.detector import Detector, Observation
+from appliance.core.detectors.detector import Detector
+from appliance.core.detectors.observation import Observation
 from appliance.limits import Limits
 from appliance.types import Check, Fault, VerdictKind
 from drivers.rigid import (

@@ -9,7 +9,7 @@ import pytest
 from scipy.stats import beta
 
 from appliance.core.detectors.depth_ruler import DepthRuler
-from appliance.core.detectors.detector import Observation
+from appliance.core.detectors.observation import Observation
 from appliance.types import Check, Fault, VerdictKind
 from drivers.recordings.replay import open_recording
 from drivers.samples import Frame, GreyImage

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from appliance.core.detectors.calibration_change import agreement_check, calibration_checks, latency_check
-from appliance.core.detectors.detector import Observation
 from appliance.core.detectors.frozen_tracker import FrozenTracker
 from appliance.core.detectors.frozen_video import FrozenVideo
+from appliance.core.detectors.observation import Observation
 from appliance.core.detectors.polarity import weigh_polarity
 from appliance.core.detectors.pose_convention import PoseConvention
 from appliance.core.path.conventions import Convention

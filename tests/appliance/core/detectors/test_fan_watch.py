@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 import pytest
 
-from appliance.core.detectors.detector import Observation
 from appliance.core.detectors.fan_watch import FanWatch
+from appliance.core.detectors.observation import Observation
 from appliance.limits import Limits
 from appliance.types import Calibration, Check, Fault, VerdictKind
 from drivers.recordings.replay import open_recording

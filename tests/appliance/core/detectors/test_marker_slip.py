@@ -5,9 +5,9 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from appliance.core.detectors.detector import Observation
 from appliance.core.detectors.leap import fit_leap, retraced
 from appliance.core.detectors.marker_slip import MarkerSlip
+from appliance.core.detectors.observation import Observation
 from appliance.core.motion import plane_step, predicted_motion
 from appliance.limits import Limits
 from appliance.types import VerdictKind

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from appliance.core.detectors.detector import Observation
+from appliance.core.detectors.observation import Observation
 from appliance.core.detectors.picture_chain import PictureChain
 from appliance.core.detectors.picture_change import PictureChange
 from appliance.core.registration.realtime_tracker import Warp

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from appliance.core.detectors.detector import Observation
+from appliance.core.detectors.observation import Observation
 from appliance.core.detectors.slow_slip import SLIPS_S, SlowSlip
 from appliance.limits import Limits
 from drivers.rigid import Array, inverse, rigid, rotation_from_vector

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from appliance.core.detectors.detector import Observation
+from appliance.core.detectors.observation import Observation
 from appliance.core.detectors.split_slip import SplitSlip
 from appliance.limits import Limits
 from drivers.rigid import Array, inverse, rigid

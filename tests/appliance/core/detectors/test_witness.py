@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 import pytest
 
-from appliance.core.detectors.detector import Observation
+from appliance.core.detectors.observation import Observation
 from appliance.core.detectors.witness import LEARN_NS, Witness
 from appliance.limits import Limits
 from appliance.types import Check, Fault, VerdictKind

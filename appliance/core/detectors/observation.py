@@ -1,0 +1,65 @@
+"""What detectors are told of each picture."""
+
+from dataclasses import dataclass
+
+from appliance.core.motion import plane_step
+from appliance.core.registration.realtime_tracker import Tracked, Warp
+from appliance.types import Calibration
+from drivers.rigid import Array
+from drivers.samples import Frame, GreyImage, Matrix4
+
+_STEADY_CORRELATION = 0.6
+"""Likeness from which a picture may testify against the tracker. Less takes a bad registration for a leap of the
+marker; more pauses the search for leaps in quick sweeps. Not measured.
+"""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Observation:
+    """What the line has made of one picture that has the size of the reference's.
+
+    image: (h, w) uint8. repeated: the same picture as the one before, which shows nothing new. followed: the Real-time
+    Tracker registered it. step_mm: (2,) lateral and axial motion since the picture before; None where it was followed
+    too badly to testify against the tracker. moved: (3,) way of the picture plane since the picture before, lateral and
+    axial mm and turn rad in the axes of that one; None where it is not known. warp: the same of the tissue in the
+    picture, (u (2,) px, α rad), as `Registration` has it. likeness: to its keyframe, 0 … 1; keyframe: which one.
+    pose: (4, 4) sensor → tracker at its time, mm; None for a picture without one.
+    """
+
+    t_ns: int
+    image: GreyImage
+    repeated: bool
+    followed: bool = False
+    step_mm: Array | None = None
+    moved: Array | None = None
+    warp: Warp | None = None
+    likeness: float = 0.0
+    keyframe: int = 0
+    pose: Matrix4 | None = None
+
+
+def observed(frame: Frame, pose: Matrix4 | None, tracked: Tracked, reference: Calibration) -> Observation:
+    """Returns what the Real-time Tracker has made of the picture. pose: of its time, as `Observation` has it."""
+    found = tracked.registration
+    if found is None:
+        return Observation(frame.stamp.t_ns, frame.image, repeated=False, pose=pose)
+    return Observation(
+        frame.stamp.t_ns,
+        frame.image,
+        repeated=False,
+        followed=True,
+        step_mm=_step_mm(tracked, reference),
+        moved=None if tracked.step is None else plane_step(*tracked.step, reference),
+        warp=tracked.step,
+        likeness=found.correlation,
+        keyframe=tracked.keyframe,
+        pose=pose,
+    )
+
+
+def _step_mm(tracked: Tracked, reference: Calibration) -> Array | None:
+    """(2,) as `Observation` has it."""
+    found = tracked.registration
+    if tracked.step is None or found is None or found.correlation < _STEADY_CORRELATION:
+        return None
+    return tracked.step[0] * reference.scale_mm_per_px
