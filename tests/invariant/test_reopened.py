@@ -12,7 +12,7 @@ import pytest
 
 from appliance.core.acquisition.pairing import Unpaired
 from appliance.core.acquisition.stamp_gate import StampCheck, StampGate
-from appliance.core.detectors import picture_chain
+from appliance.core.detectors import dissolved_picture, picture_chain
 from appliance.core.detectors.picture_chain import PictureChain
 from appliance.core.line import Line
 from appliance.core.path.window import PathWindow
@@ -154,7 +154,8 @@ def test_a_picture_that_need_not_go_on_with_those_before_closes_the_contact_on_a
         monkeypatch.setattr(
             PictureChain, "linked", property(lambda self: True, lambda self, value: None), raising=False
         )
-        monkeypatch.setattr(picture_chain, "flip_or_zoom_of", lambda before, now: None)
+        for module in (picture_chain, dissolved_picture):
+            monkeypatch.setattr(module, "flip_or_zoom_of", lambda before, now: None)
     cart.break_picture(FLIPPED, Manner.BLACK, 0.2)
     if cut:
         with pytest.raises(Broken, match="flipped laterally"):

@@ -14,14 +14,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from appliance.core.detectors.detector import Detector
+from appliance.core.detectors.dissolved_picture import DissolvedPicture
 from appliance.core.detectors.double_exposure import DoubleExposure
-from appliance.core.detectors.magnification import Magnification, is_even, pressed_between
+from appliance.core.detectors.magnification import Magnification, pressed_between
 from appliance.core.detectors.observation import Observation
 from appliance.core.detectors.picture_change import (
     PictureChange,
     flip_or_zoom_of,
-    lines_turned_by,
-    shift_of,
+    searchable,
     stretch_of,
 )
 from appliance.core.detectors.picture_link import (
@@ -30,11 +30,10 @@ from appliance.core.detectors.picture_link import (
     View,
     comparable,
     link_between,
-    parts_shown,
     small,
 )
 from appliance.core.detectors.polarity import MOST_FLIPPED
-from appliance.core.detectors.resting_picture import RestingPicture, turned_or_sheared
+from appliance.core.detectors.resting_picture import RestingPicture
 from appliance.core.detectors.stretch import carried, likeness_in_place, lines_turned
 from appliance.core.motion import out_of_plane_mm, predicted_motion
 from appliance.core.registration.pyramid import Array32, Bits
@@ -55,9 +54,6 @@ from which one that was followed is held against it. Of healthy motion one in a 
 stretched by 6 % all (six sessions of two seconds). Less asks more often, 20 ms each time, more misses small ones."""
 _SEARCHES = 3
 """For a flip or a zoom, 40 ms each, after the chain has ended: the first pictures may be black, or half of another."""
-_SEARCHED_PARTS = 7
-"""Parts of 24 that must show something in both pictures: more than one row. With fewer, wires in water and the bright
-rows of a probe in air, any other few lines look like them mirrored and zoomed (recording NwirePhantomFreehand)."""
 _LEFT_PX = 1.5
 """px of the small picture by which a turn may move its edge before it is made: parts are looked for 1 px beside."""
 _SWEPT_MM, _SWEPT_MM_PER_S = 0.7, 20.0
@@ -68,23 +64,6 @@ _TISSUE_MM, _TISSUE_MM_PER_S = 0.5, 10.0
 """How far beside the place that the poses say tissue may be after a break, and how fast it goes by itself: a breath
 of 12 mm, fifteen a minute, moves it by 9.4 mm/s. More takes a picture that was moved on the screen for tissue that
 moved, less voids what was shown with a blank over a patient who breathes."""
-_EARLIER_NS, _LOOKS_NS = 600_000_000, 150_000_000
-"""How old the picture is that is held against the newest one while the hand is still, and between two such looks: what
-dissolves into another, or is wiped, breaks no chain. An older one shows slower ones, and tissue has moved on by then;
-more often costs 2 ms each."""
-_STILL_MM, _LOST = 0.5, 0.35
-"""Way out of the plane up to which the hand is still, and share of parts alike below which a look becomes a search, of
-40 to 80 ms. Not measured on tissue that moves out of the plane."""
-_STEPS = 3
-"""From picture to picture, whose median is the way of the tissue: a single leap of the registration is none of it. More
-lag behind tissue that turns back."""
-_AS_IT_WAS = 0.95
-"""Share of parts alike from which a look asks no more: each that does costs 4 ms. Of coarse speckle that was turned by
-5° .79 are. More asks whenever tissue moves a little, less misses small turns."""
-_NAMED = 0.1
-"""Change of the logarithm of a zoom found so, from which it is named; a smaller one voids what was shown. Breathing by
-12 mm presses soft tissue against a face that rests, and came to .058 and .067 (study, gesture-hold over
-half-20+drag-1+deep+breath-12-axial, seeds 1, 2). Less accuses patients, more leaves small zooms to motion."""
 _COVERED = 5
 """Pictures in a row with the same part covered after which the cover belongs to the picture: a torn one is alone."""
 
@@ -104,14 +83,6 @@ class _Course:
         """The same in the picture as it is now."""
         turned = self.turn_per_ns * change.polarity[0] * change.polarity[1]
         return _Course(self.per_ns * change.polarity * np.array(change.zoom), turned)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Earlier:
-    """gone_px: (2,) way of its tissue since the detector was made, px of the small picture."""
-
-    view: View
-    gone_px: Array
 
 
 class PictureChain(Detector):
@@ -144,11 +115,10 @@ class PictureChain(Detector):
         self._course = _Course()
         self._magnification = Magnification(self._aspect)
         self._double_exposure = DoubleExposure()
+        self._dissolving = DissolvedPicture(reference, limits, self._link)
         self._resting = RestingPicture(reference, self._aspect, self._rotation_limit_rad, self._link)
         self._followed = self._searches = self._covered = 0
         self._likenesses: deque[float] = deque(maxlen=_CALM_FRAMES)
-        self._earlier: deque[_Earlier] = deque()
-        self._gone_px, self._steps_px = np.zeros(2), deque[Array](maxlen=_STEPS)
         self._newest = 1.0
         self._just_changed = False
         self._polarity = (1, 1)
@@ -198,7 +168,7 @@ class PictureChain(Detector):
     def forget_pictures(self, since_ns: int) -> None:
         """See Detector: what comes next goes on from the last picture all the same, wherever that was."""
         self.linked = self._direct = False
-        self._earlier.clear()
+        self._dissolving.restart()
         self._resting.restart()
         if self._last is not None:
             self._last = replace(self._last, t_ns=min(self._last.t_ns, since_ns - 1))
@@ -224,7 +194,7 @@ class PictureChain(Detector):
         self._followed = self._searches = self._covered = 0
         self._covered_ns = None
         self._astray_px = np.zeros(2)
-        self._earlier.clear()
+        self._dissolving.restart()
         self._likenesses.clear()
         self._magnification.restart()
         self._double_exposure.restart()
@@ -242,7 +212,7 @@ class PictureChain(Detector):
             way = own.after(view.t_ns - last.t_ns, last.small.shape[1])
             pressed = pressed_between(self._reference, last, view)
             self._magnification.step(view.t_ns, view.small, way, pressed)
-            self._note_way(way[0])
+            self._dissolving.note_step(way[0])
         self._last, self._covered_ns = view, None
         if self._unaveraged():
             self._double_exposure.step(view.t_ns, view.small)
@@ -269,75 +239,16 @@ class PictureChain(Detector):
         return not fell
 
     def _faded(self, view: View) -> PictureChange | None:
-        """A change without a name, where a fade ends with this picture; of a still hand `_dissolved` names it."""
+        """A change without a name, where a fade ends with this picture; of a still hand `DissolvedPicture` names it."""
         if not self._double_exposure.ended:
             return None
-        before = self._earlier[0].view if self._earlier else view
-        return None if self._still_between(before, view) else PictureChange()
-
-    def _still_between(self, before: View, view: View) -> bool:
-        """Whether the tracker says that the hand has stayed in its plane; False where a pose is missing."""
-        if before.pose is None or view.pose is None:
-            return False
-        return out_of_plane_mm(self._reference, before.pose, view.pose) <= _STILL_MM
+        return None if self._dissolving.still(view) else PictureChange()
 
     def _dissolved(self, view: View) -> PictureChange | None:
-        """The change since a picture of half a second before, while the hand was still."""
-        if view.pose is None or (self._earlier and view.t_ns - self._earlier[-1].view.t_ns < _LOOKS_NS):
-            return None
-        self._earlier.append(_Earlier(view, self._gone_px))
-        while view.t_ns - self._earlier[0].view.t_ns > _EARLIER_NS:
-            self._earlier.popleft()
-        earlier = self._earlier[0]
-        before = earlier.view
-        if before is view or not self._still_between(before, view):
-            return None
-        placed, link = self._link(view, before)
-        if link is None or link.alike >= _AS_IT_WAS or not _searchable(placed, view.small):
-            return None
-        change = None
-        if lost := link.alike < _LOST:
-            change = stretch_of(placed, view.small, self._aspect) or flip_or_zoom_of(placed, view.small)
-            change = None if change is None else self._not_tissue(change, before, view)
-        if change is None:
-            turned_rad = lines_turned_by(placed, view.small, self._aspect, far=lost)
-            change = turned_or_sheared(turned_rad, self._rotation_limit_rad, self._reference, before, view)
-        if change is None:
-            change = self._moved(before, view, self._gone_px - earlier.gone_px)
+        change = self._dissolving.step(view)
         if change is not None:
             self._magnification.restart()
         return change
-
-    def _note_way(self, way_px: Array) -> None:
-        """The registration leaps to what fades in, the tissue goes on."""
-        self._steps_px.append(way_px)
-        self._gone_px = self._gone_px + np.median(self._steps_px, axis=0)
-
-    def _moved(self, before: View, view: View, gone_px: Array) -> PictureChange | None:
-        """A change without a name, where the picture is elsewhere than its tissue has gone, by more than the limit of
-        the offset.
-        """
-        expected = carried(before.small, (gone_px, 0.0), self._aspect)
-        shift_px = shift_of(before.small, view.small, expected)
-        if shift_px is None:
-            return None
-        beside_mm = np.abs(shift_px - gone_px) / self._px_per_mm
-        return PictureChange() if np.max(beside_mm) > self._offset_limit else None
-
-    def _not_tissue(self, change: PictureChange, before: View, view: View) -> PictureChange | None:
-        """The change; None where tissue under a hand that presses may look so: by no more than the limit of a scale and
-        what the face went in. Looks of tissue that slid out of the plane came to −2 and −4 %, which added up to a zoom
-        by −6 %. What breathing may do has no name: a breath of 12 mm stretched half a space of 20 mm by 14 % down and
-        shrank it by 4 % across (study, gesture-hold over half-20+breath-12-axial, seed 1).
-        """
-        if change.polarity != (1, 1):
-            return change
-        log_zooms = np.log(change.zoom)
-        log_zoom = float(np.max(np.abs(log_zooms)))
-        pressed = float(np.abs(pressed_between(self._reference, before, view)).sum())
-        if log_zoom < np.log1p(self._scale_limit / 100) + pressed:
-            return None
-        return change if is_even(log_zooms) and log_zoom >= _NAMED + pressed else PictureChange()
 
     def _way(self, view: View, last: View) -> Warp:
         """How far the tissue should have gone since the last picture of the chain, px of the small one and rad: by the
@@ -367,7 +278,7 @@ class PictureChain(Detector):
         stretch = stretch_of(placed, view.small, self._aspect)
         if stretch is not None or self._searches >= _SEARCHES or (link is not None and link.whole):
             return stretch
-        if not _searchable(placed, view.small):
+        if not searchable(placed, view.small):
             return None
         self._searches += 1
         return flip_or_zoom_of(placed, view.small)
@@ -398,7 +309,7 @@ class PictureChain(Detector):
         elif there and link.covered:
             self.linked, self._covered_ns = True, view.t_ns
         if own is None and self._last is view:
-            self._gone_px = self._gone_px + link.moved_px
+            self._dissolving.note_way(link.moved_px)
 
     def _turned_rad(self, placed: Array32, view: View) -> float | None:
         """Angle by which it was turned or sheared, as steered beams do it; None where too little of it is found again.
@@ -433,7 +344,7 @@ class PictureChain(Detector):
         self._log_zoom += np.log(change.zoom)
         self._last = view
         self.linked = self._direct = True
-        self._earlier.clear()
+        self._dissolving.restart()
         self._double_exposure.restart()
         self._resting.restart()
         self._followed = self._searches = self._covered = 0
@@ -441,8 +352,3 @@ class PictureChain(Detector):
     def _check(self, name: str, fault: Fault, value: float, unit: str, limit: float) -> Check:
         beyond = VerdictKind.NOT_VERIFIED if self._just_changed else VerdictKind.FAULT
         return Check(name, fault, value, 0.0, unit, limit, beyond if abs(value) > limit else VerdictKind.OK)
-
-
-def _searchable(before: Array32, now: Array32) -> bool:
-    """Whether two small pictures show so much that a flip or a zoom of one is not like the other by chance."""
-    return min(parts_shown(before), parts_shown(now)) >= _SEARCHED_PARTS

@@ -11,7 +11,7 @@ from itertools import product
 import cv2
 import numpy as np
 
-from appliance.core.detectors.picture_link import DARK
+from appliance.core.detectors.picture_link import DARK, parts_shown
 from appliance.core.detectors.polarity import POLARITIES
 from appliance.core.detectors.stretch import lines_between, stretch_between, warped
 from appliance.core.registration.pyramid import Array32
@@ -36,6 +36,9 @@ _MOST_ZOOM, _COARSE_STEP, _FINE_STEP = 2.2, 0.03, 0.015
 """Most magnification that is tried, up and down, and steps of its logarithm: at first in pictures of half the size,
 where 3 % move the side of what is looked for by half a px, then about the best. Scanners step their depth by a fifth to
 a half, and zoom by 2. More costs time, and what is left in the picture shows less."""
+_SEARCHED_PARTS = 7
+"""Parts of 24 that must show something in both pictures: more than one row. With fewer, wires in water and the bright
+rows of a probe in air, any other few lines look like them mirrored and zoomed (recording NwirePhantomFreehand)."""
 _LEAST_ZOOM = 0.02
 """Up to which a magnification is no new setting."""
 _LEAST_GREY = 1.0
@@ -99,6 +102,11 @@ def shift_of(before: Array32, now: Array32, expected: Array32) -> Array | None:
     if best <= max(likeness(expected, now) + _STRETCH_BETTER_BY, _LEAST_LIKENESS):
         return None
     return np.array([column - columns, row - rows], float)
+
+
+def searchable(before: Array32, now: Array32) -> bool:
+    """Whether two small pictures show so much that a flip or a zoom of one is not like the other by chance."""
+    return min(parts_shown(before), parts_shown(now)) >= _SEARCHED_PARTS
 
 
 def flip_or_zoom_of(expected: Array32, now: Array32) -> PictureChange | None:

@@ -1,0 +1,150 @@
+"""What has become of the picture within half a second, while the hand was still.
+
+A picture that dissolves into another, or is wiped, is like the one before at every step, so it breaks no chain.
+"""
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from appliance.core.detectors.magnification import is_even, pressed_between
+from appliance.core.detectors.picture_change import (
+    PictureChange,
+    flip_or_zoom_of,
+    lines_turned_by,
+    searchable,
+    shift_of,
+    stretch_of,
+)
+from appliance.core.detectors.picture_link import SMALL_PX, Link, View
+from appliance.core.detectors.resting_picture import turned_or_sheared
+from appliance.core.detectors.stretch import carried
+from appliance.core.motion import out_of_plane_mm
+from appliance.core.registration.pyramid import Array32
+from appliance.limits import Limits
+from appliance.types import Calibration
+from drivers.rigid import Array
+
+_EARLIER_NS, _LOOKS_NS = 600_000_000, 150_000_000
+"""How old the picture is that is held against the newest one while the hand is still, and between two such looks: what
+dissolves into another, or is wiped, breaks no chain. An older one shows slower ones, and tissue has moved on by then;
+more often costs 2 ms each."""
+_STILL_MM, _LOST = 0.5, 0.35
+"""Way out of the plane up to which the hand is still, and share of parts alike below which a look becomes a search, of
+40 to 80 ms. Not measured on tissue that moves out of the plane."""
+_STEPS = 3
+"""From picture to picture, whose median is the way of the tissue: a single leap of the registration is none of it. More
+lag behind tissue that turns back."""
+_AS_IT_WAS = 0.95
+"""Share of parts alike from which a look asks no more: each that does costs 4 ms. Of coarse speckle that was turned by
+5° .79 are. More asks whenever tissue moves a little, less misses small turns."""
+_NAMED = 0.1
+"""Change of the logarithm of a zoom found so, from which it is named; a smaller one voids what was shown. Breathing by
+12 mm presses soft tissue against a face that rests, and came to .058 and .067 (study, gesture-hold over
+half-20+drag-1+deep+breath-12-axial, seeds 1, 2). Less accuses patients, more leaves small zooms to motion."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Earlier:
+    """gone_px: (2,) way of its tissue since the detector was made, px of the small picture."""
+
+    view: View
+    gone_px: Array
+
+
+class DissolvedPicture:
+    """Takes every picture that goes on with the chain.
+
+    link: a picture where its tissue is in a later one, and how that continues it.
+    """
+
+    def __init__(
+        self,
+        reference: Calibration,
+        limits: Limits,
+        link: Callable[[View, View], tuple[Array32, Link | None]],
+    ) -> None:
+        self._reference, self._link = reference, link
+        self._scale_limit, self._offset_limit = limits.scale_percent, limits.offset_mm
+        self._rotation_limit_rad = float(np.deg2rad(limits.rotation_deg))
+        self._px_per_mm = min(1.0, SMALL_PX / reference.image_size_px[0]) / reference.scale_mm_per_px
+        self._aspect = float(reference.scale_mm_per_px[1] / reference.scale_mm_per_px[0])
+        self._earlier: deque[_Earlier] = deque()
+        self._gone_px, self._steps_px = np.zeros(2), deque[Array](maxlen=_STEPS)
+
+    def restart(self) -> None:
+        """Forgets the earlier pictures; the way of the tissue goes on."""
+        self._earlier.clear()
+
+    def note_step(self, way_px: Array) -> None:
+        """Takes the way of the tissue since the picture before, by the registration: that leaps to what fades in, the
+        tissue goes on.
+        """
+        self._steps_px.append(way_px)
+        self._gone_px = self._gone_px + np.median(self._steps_px, axis=0)
+
+    def note_way(self, way_px: Array) -> None:
+        """Takes the way of the tissue over pictures that were not followed."""
+        self._gone_px = self._gone_px + way_px
+
+    def still(self, view: View) -> bool:
+        """Whether the tracker says that the hand has stayed in its plane since the earliest picture that is kept; False
+        where a pose is missing.
+        """
+        return self._still_between(self._earlier[0].view if self._earlier else view, view)
+
+    def step(self, view: View) -> PictureChange | None:
+        """The change since a picture of half a second before, while the hand was still."""
+        if view.pose is None or (self._earlier and view.t_ns - self._earlier[-1].view.t_ns < _LOOKS_NS):
+            return None
+        self._earlier.append(_Earlier(view, self._gone_px))
+        while view.t_ns - self._earlier[0].view.t_ns > _EARLIER_NS:
+            self._earlier.popleft()
+        earlier = self._earlier[0]
+        before = earlier.view
+        if before is view or not self._still_between(before, view):
+            return None
+        placed, link = self._link(view, before)
+        if link is None or link.alike >= _AS_IT_WAS or not searchable(placed, view.small):
+            return None
+        change = None
+        if lost := link.alike < _LOST:
+            change = stretch_of(placed, view.small, self._aspect) or flip_or_zoom_of(placed, view.small)
+            change = None if change is None else self._not_tissue(change, before, view)
+        if change is None:
+            turned_rad = lines_turned_by(placed, view.small, self._aspect, far=lost)
+            change = turned_or_sheared(turned_rad, self._rotation_limit_rad, self._reference, before, view)
+        return self._moved(before, view, self._gone_px - earlier.gone_px) if change is None else change
+
+    def _still_between(self, before: View, view: View) -> bool:
+        if before.pose is None or view.pose is None:
+            return False
+        return out_of_plane_mm(self._reference, before.pose, view.pose) <= _STILL_MM
+
+    def _moved(self, before: View, view: View, gone_px: Array) -> PictureChange | None:
+        """A change without a name, where the picture is elsewhere than its tissue has gone, by more than the limit of
+        the offset.
+        """
+        expected = carried(before.small, (gone_px, 0.0), self._aspect)
+        shift_px = shift_of(before.small, view.small, expected)
+        if shift_px is None:
+            return None
+        beside_mm = np.abs(shift_px - gone_px) / self._px_per_mm
+        return PictureChange() if np.max(beside_mm) > self._offset_limit else None
+
+    def _not_tissue(self, change: PictureChange, before: View, view: View) -> PictureChange | None:
+        """The change; None where tissue under a hand that presses may look so: by no more than the limit of a scale and
+        what the face went in. Looks of tissue that slid out of the plane came to −2 and −4 %, which added up to a zoom
+        by −6 %. What breathing may do has no name: a breath of 12 mm stretched half a space of 20 mm by 14 % down and
+        shrank it by 4 % across (study, gesture-hold over half-20+breath-12-axial, seed 1).
+        """
+        if change.polarity != (1, 1):
+            return change
+        log_zooms = np.log(change.zoom)
+        log_zoom = float(np.max(np.abs(log_zooms)))
+        pressed = float(np.abs(pressed_between(self._reference, before, view)).sum())
+        if log_zoom < np.log1p(self._scale_limit / 100) + pressed:
+            return None
+        return change if is_even(log_zooms) and log_zoom >= _NAMED + pressed else PictureChange()
