@@ -37,7 +37,9 @@ class Defect:
 
 
 _LEDGER = "appliance/supervision/ledger.py"
-_SUPERVISOR = "tests/appliance/supervision/test_supervisor.py"
+_SUPERVISOR = tuple(
+    f"tests/appliance/supervision/test_supervisor{part}.py" for part in ("", "_devices", "_latched", "_recalibration")
+)
 DEFECTS = (
     Defect(
         "the contact stays closed when the estimator dies",
@@ -51,7 +53,7 @@ DEFECTS = (
         _LEDGER,
         "self.verified_ns = shown_ns if stands else None",
         "self.verified_ns = self.now_ns if stands else None",
-        (_SUPERVISOR,),
+        _SUPERVISOR,
     ),
     Defect(
         "a latched state is lost at a restart",
@@ -86,7 +88,7 @@ DEFECTS = (
         _LEDGER,
         "if not self.calibration.active:\n                self._acknowledge_none()",
         "if False:\n                self._acknowledge_none()",
-        (_SUPERVISOR,),
+        _SUPERVISOR,
     ),
     Defect(
         "an acknowledged alarm never reminds of itself",
@@ -108,14 +110,14 @@ DEFECTS = (
         _LEDGER,
         "<= self.durations.max_verification_age_ns",
         "<= self.durations.max_verification_age_ns + 60_000_000_000",
-        (_SUPERVISOR,),
+        _SUPERVISOR,
     ),
     Defect(
         "of two alarms at once, of a device and of the line, one is lost",
         _LEDGER,
         "self._note_hazards(failing + self._of_the_line(newest))",
         "self._note_hazards(failing or self._of_the_line(newest))",
-        (_SUPERVISOR,),
+        _SUPERVISOR,
     ),
 )
 

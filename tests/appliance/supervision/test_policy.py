@@ -11,7 +11,7 @@ from appliance.supervision.faults import FAULT_ROWS
 from appliance.supervision.policy import ADVISORY, Durations, Ending, Policy
 from appliance.supervision.supervisor import Inputs, Request
 from appliance.types import Check, Fault, Kind, State, Verdict, VerdictKind
-from tests.appliance.supervision.test_supervisor import DURATIONS, TICK_NS, Room, room_in
+from tests.support.supervised import DURATIONS, TICK_NS, Room, room_in
 
 S_NS = 1_000_000_000
 OTHERS = Durations(
