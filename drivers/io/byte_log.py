@@ -13,10 +13,10 @@ import re
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
-from types import TracebackType
-from typing import Self, TextIO
+from typing import TextIO
 
 from drivers.clock.host_clock import HostClock
+from drivers.closable import Closable
 from drivers.errors import ConfigurationError, RecordingError
 from drivers.files.markup import SAVE_AS_UTF_8, NotUtf8Error, text_of
 from drivers.files.regular_file import open_regular, reading, refuse_irregular
@@ -47,7 +47,7 @@ class Entry:
     data: bytes
 
 
-class ByteLog:
+class ByteLog(Closable):
     """Writes one log. A disk that fails ends the log, never the tracking; failed says so."""
 
     def __init__(self, path: Path, url: str, clock: HostClock, limit_bytes: int = LIMIT_BYTES) -> None:
@@ -60,14 +60,6 @@ class ByteLog:
         except OSError as error:
             remedy = "Name a file in a folder that this user may write to"
             raise ConfigurationError(f"the byte log cannot be written ({error.strerror})", str(path), remedy) from None
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None, /
-    ) -> None:
-        self.close()
 
     def sent(self, data: bytes) -> None:
         """Bytes that are about to be written."""

@@ -3,12 +3,11 @@
 import math
 from collections import deque
 from dataclasses import dataclass
-from types import TracebackType
-from typing import Self
 
 import numpy as np
 
 from drivers.clock.host_clock import HostClock
+from drivers.closable import Closable
 from drivers.device_api import Description
 from drivers.errors import ProtocolError
 from drivers.openigtlink.client import FOLLOW_REMEDY, IgtlClient
@@ -71,7 +70,7 @@ class _Measured:
     stamp: Stamp | None = None
 
 
-class IgtlTracker:
+class IgtlTracker(Closable):
     """One connection. refused: messages that were damaged or said what cannot be."""
 
     def __init__(self, address: tuple[str, int], options: IgtlOptions, clock: HostClock) -> None:
@@ -100,12 +99,8 @@ class IgtlTracker:
             self._client.close()
             raise
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None, /
-    ) -> None:
+    def close(self) -> None:
+        """See Closable."""
         self._client.close()
 
     def describe(self) -> Description:

@@ -1,9 +1,7 @@
 """Pictures of an OpenIGTLink server: IMAGE, made grey, cut out and turned."""
 
-from types import TracebackType
-from typing import Self
-
 from drivers.clock.host_clock import HostClock
+from drivers.closable import Closable
 from drivers.device_api import Description
 from drivers.errors import ProtocolError
 from drivers.openigtlink.client import FOLLOW_REMEDY, IgtlClient
@@ -20,7 +18,7 @@ _NAME_IT = "Name one of its IMAGEs by image= in the URL"
 _SEND_IT = "Have the server send its pictures as IMAGE, which is the only kind that is read"
 
 
-class IgtlVideo:
+class IgtlVideo(Closable):
     """One connection. refused: damaged pictures. repeated: dropped, because their time was that of the one before."""
 
     def __init__(self, address: tuple[str, int], options: IgtlOptions, clock: HostClock) -> None:
@@ -34,12 +32,8 @@ class IgtlVideo:
         self._client = IgtlClient(address, self._wanted, deadline_ns, options.version, clock)
         self._time = SenderTime(round(options.latency_ms * 1e6), self._client.round_trip_ns)
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None, /
-    ) -> None:
+    def close(self) -> None:
+        """See Closable."""
         self._client.close()
 
     def describe(self) -> Description:

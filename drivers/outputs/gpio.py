@@ -10,13 +10,12 @@ the line back, and the chip's driver decides: some return it to its pull, others
 import errno
 from collections.abc import Iterable
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
 import gpiod
 from gpiod.line import Direction, Value
 
 from drivers.clock.host_clock import HostClock
+from drivers.closable import Closable
 from drivers.device_api import Description
 from drivers.errors import ConfigurationError, DeviceLost
 from drivers.outputs import GPIO
@@ -60,7 +59,7 @@ def _settings(direction: Direction, low: bool) -> gpiod.LineSettings:
     return gpiod.LineSettings(direction=direction, active_low=low, output_value=Value.INACTIVE)
 
 
-class GpioOutput:
+class GpioOutput(Closable):
     """line drives; sense, where there is one, reports whether the contact followed."""
 
     def __init__(
@@ -81,12 +80,8 @@ class GpioOutput:
         except (OSError, ValueError) as error:
             raise self._refusal(error) from error
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None, /
-    ) -> None:
+    def close(self) -> None:
+        """See Closable."""
         try:
             self._request.set_value(self._line, Value.INACTIVE)
         except OSError:

@@ -17,10 +17,9 @@ data line breaks, and drops it when it loses power. `probewatch release` (the un
 import re
 from collections.abc import Callable
 from contextlib import suppress
-from types import TracebackType
-from typing import Self
 
 from drivers.clock.host_clock import HostClock
+from drivers.closable import Closable
 from drivers.device_api import Description
 from drivers.errors import DeviceLost
 from drivers.io.serial_port import BITS_PER_BYTE
@@ -74,7 +73,7 @@ def checked(target: str, options: dict[str, str]) -> tuple[int, str, Heartbeat]:
     return given.integer("channel"), given.word("confirm"), heartbeat_from(given)
 
 
-class RelayOutput:
+class RelayOutput(Closable):
     """confirmed: the board reports its contacts, so a write that it did not take is noticed."""
 
     def __init__(self, path: str, channel: int, confirm: str, heartbeat: Heartbeat, clock: HostClock) -> None:
@@ -97,12 +96,8 @@ class RelayOutput:
             remedy = f"{_CHECK}, or use confirm=no for a board that never does"
             raise DeviceLost("the relay board does not report its contacts", self._path, remedy)
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None, /
-    ) -> None:
+    def close(self) -> None:
+        """See Closable."""
         with suppress(DeviceLost):
             self.write(False)
         self._port.give_back()

@@ -10,12 +10,11 @@ avoided from user space; use heartbeat= where it must not energise anything.
 
 import termios
 from contextlib import suppress
-from types import TracebackType
-from typing import Self
 
 import serial
 
 from drivers.clock.host_clock import HostClock
+from drivers.closable import Closable
 from drivers.device_api import Description
 from drivers.errors import DeviceLost
 from drivers.io.serial_port import open_serial
@@ -42,7 +41,7 @@ def checked(target: str, options: dict[str, str]) -> tuple[str, str | None, Hear
     return pin, given.word_or_none("sense"), heartbeat_from(given)
 
 
-class SerialPinOutput:
+class SerialPinOutput(Closable):
     """pin drives; sense, where there is one, reports whether the contact followed."""
 
     def __init__(self, path: str, pin: str, sense: str | None, heartbeat: Heartbeat, clock: HostClock) -> None:
@@ -56,12 +55,8 @@ class SerialPinOutput:
             self._port.close()
             raise
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None, /
-    ) -> None:
+    def close(self) -> None:
+        """See Closable."""
         with suppress(DeviceLost):
             self._drive(False)
         with suppress(OSError, termios.error):

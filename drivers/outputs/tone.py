@@ -12,13 +12,12 @@ import os
 import select
 import shutil
 import subprocess
-from types import TracebackType
-from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.clock.host_clock import HostClock
+from drivers.closable import Closable
 from drivers.device_api import Description
 from drivers.errors import ConfigurationError, DeviceLost
 from drivers.outputs import TONE
@@ -71,7 +70,7 @@ def tone(pitch_hz: int, first: int, count: int) -> NDArray[np.float64]:
     return np.asarray(_LEVEL * waves / sum(_HARMONICS))
 
 
-class ToneOutput:
+class ToneOutput(Closable):
     """Keeps the player _LEAD_NS ahead of the clock; sound fades in and out over 10 ms so that it does not click."""
 
     def __init__(self, player: str, target: str, pitch_hz: int, clock: HostClock) -> None:
@@ -92,12 +91,8 @@ class ToneOutput:
             what = f"the player cannot be started ({error.strerror})"
             raise DeviceLost(what, self._where, f"Check {command[0]}") from None
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None, /
-    ) -> None:
+    def close(self) -> None:
+        """See Closable."""
         self._player.kill()
         self._player.communicate()
 

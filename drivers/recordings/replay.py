@@ -9,12 +9,12 @@ from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
-from types import TracebackType
-from typing import Generic, Self, TypeVar
+from typing import Generic, TypeVar
 
 import numpy as np
 
 from drivers.clock.host_clock import HostClock
+from drivers.closable import Closable
 from drivers.errors import DeviceLost, RecordingError
 from drivers.recordings import REPLAY
 from drivers.recordings.film import Film
@@ -190,7 +190,7 @@ def open_tracker(target: str, options: dict[str, str], clock: HostClock) -> "Pla
     return Player(recording.pose_samples, recording.start_ns, start_s, clock, target)
 
 
-class Player(Generic[_S]):
+class Player(Closable, Generic[_S]):
     """Hands out samples when their time comes on the host clock, restamped to it.
 
     The session starts start_s after the clock's origin, for the video and the tracker alike, so two devices opened from
@@ -206,12 +206,8 @@ class Player(Generic[_S]):
         self._samples: Generator[_S, None, None] = (sample for sample in samples() if sample.stamp.t_ns >= opened_ns)
         self._waiting: _S | None = None
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None, /
-    ) -> None:
+    def close(self) -> None:
+        """See Closable."""
         self._samples.close()
 
     def read(self, timeout_s: float) -> _S | None:

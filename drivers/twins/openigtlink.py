@@ -13,8 +13,6 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from threading import Event
-from types import TracebackType
-from typing import Self
 
 import numpy as np
 
@@ -28,7 +26,7 @@ from drivers.openigtlink.stream import MessageStream
 from drivers.samples import Frame, Matrix4, Pose, PoseStatus, Sample, Stamp
 from drivers.twins.fault_control import FaultControl
 from drivers.twins.faults import spoil_witness
-from drivers.twins.tcp_server import TcpServer
+from drivers.twins.tcp_server import ListeningTwin, TcpServer
 
 IMAGE_NAME, PROBE_NAME, WITNESS_NAME = "Image_Tracker", "ProbeToTracker", "WitnessToTracker"
 """Device names, in PLUS's manner."""
@@ -130,8 +128,8 @@ class _Client:
                 del self.unsent[: self.line.send(self.unsent[:most_bytes])]
 
 
-class IgtlTwin:
-    """Listens from construction until the context is left. address: as `TcpServer` has it.
+class IgtlTwin(ListeningTwin[_Client]):
+    """Simulates an OpenIGTLink server. address: as `TcpServer` has it.
 
     sources: how to open what is handed on, each tried again when it is lost. faults: of FAULTS, and when.
     """
@@ -149,20 +147,7 @@ class IgtlTwin:
         self._tracker_is_lost = False
         self._sent_ns = 0
         self._random = np.random.default_rng(_SEED)
-        self._server = TcpServer(address, _Client, self._note)
-
-    @property
-    def address(self) -> tuple[str, int]:
-        """(host, port) where it listens."""
-        return self._server.address
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None, /
-    ) -> None:
-        self._server.unplug()
+        super().__init__(TcpServer(address, _Client, self._note))
 
     def run(self, stop: Event) -> None:
         """Serve until stop is set."""

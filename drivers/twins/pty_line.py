@@ -16,6 +16,7 @@ from types import TracebackType
 from typing import Protocol, Self
 
 from drivers.clock.host_clock import HostClock
+from drivers.closable import Closable
 from drivers.io.serial_port import BITS_PER_BYTE
 
 IDLE_S = 0.05
@@ -63,7 +64,7 @@ class TwinLine(Protocol):
         """Send to whom read() heard last, the first byte from start_ns on; returns after the last byte."""
 
 
-class PtyLine:
+class PtyLine(Closable):
     """The device's end. link: path of the symbolic link to the host's end; an older link is taken over."""
 
     source, monitor = 0, False
@@ -72,12 +73,8 @@ class PtyLine:
         self._link, self._clock = link, clock
         self.plug()
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None, /
-    ) -> None:
+    def close(self) -> None:
+        """See Closable."""
         self.unplug()
 
     def plug(self) -> None:

@@ -7,10 +7,10 @@ import time
 from math import ceil
 from pathlib import Path
 from threading import Event
-from types import TracebackType
 from typing import Self
 
 from drivers.clock.host_clock import HostClock
+from drivers.closable import Closable
 from drivers.samples import GreyImage
 from drivers.twins.fault_control import FaultControl
 from drivers.twins.faults import FUTURE_S, blank_image, frozen_image
@@ -29,7 +29,7 @@ _LONGEST_COST_S = 0.2
 render so far ahead that it shows one picture in as many seconds, long after the processor is free again."""
 
 
-class VideoPlug:
+class VideoPlug(Closable):
     """The socket's server end: one viewer at a time, the next one waits until that one is gone.
 
     path: taken over when an earlier scanner has left it; unlinked on leaving the context.
@@ -44,9 +44,8 @@ class VideoPlug:
         self.plug()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None, /
-    ) -> None:
+    def close(self) -> None:
+        """See Closable."""
         self.unplug()
 
     def plug(self) -> None:

@@ -7,17 +7,16 @@ import select
 import socket
 import struct
 from contextlib import suppress
-from types import TracebackType
-from typing import Self
 
 from drivers.clock.host_clock import HostClock
+from drivers.closable import Closable
 
 _ABORT = struct.pack("ii", 1, 0)
 _SEND_S = 1.0
 """For a host to take a reply. One that does not is dropped, or the others would wait for it."""
 
 
-class TcpLine:
+class TcpLine(Closable):
     """port: 0 takes a free one, which it keeps. source, monitor: see drivers.twins.pty_line.TwinLine."""
 
     def __init__(self, port: int, clock: HostClock) -> None:
@@ -28,12 +27,8 @@ class TcpLine:
         self._listener: socket.socket | None = None
         self.plug()
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None, /
-    ) -> None:
+    def close(self) -> None:
+        """See Closable."""
         self.unplug()
 
     @property

@@ -7,6 +7,7 @@ from collections.abc import Callable, Collection
 from contextlib import suppress
 from typing import Generic, Protocol, TypeVar
 
+from drivers.closable import Closable
 from drivers.errors import ProtocolError, cannot_listen
 
 _ABORT = struct.pack("ii", 1, 0)
@@ -107,3 +108,19 @@ class TcpServer(Generic[C]):
             line.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             self.clients.append(self._made(line))
             self._note("clients", len(self.clients))
+
+
+class ListeningTwin(Closable, Generic[C]):
+    """Listens from construction until the context is left."""
+
+    def __init__(self, server: TcpServer[C]) -> None:
+        self._server = server
+
+    @property
+    def address(self) -> tuple[str, int]:
+        """(host, port) where it listens."""
+        return self._server.address
+
+    def close(self) -> None:
+        """See Closable."""
+        self._server.unplug()

@@ -3,10 +3,10 @@
 import math
 from abc import ABC, abstractmethod
 from math import ceil
-from types import TracebackType
-from typing import Generic, Self, TypeVar
+from typing import Generic, TypeVar
 
 from drivers.clock.host_clock import HostClock
+from drivers.closable import Closable
 from drivers.samples import Frame, Pose, PoseStatus, Stamp
 from drivers.twins.scene.world import World
 from drivers.twins.tool_motion import PROBE, WITNESS, world_motion
@@ -20,7 +20,7 @@ _LONGEST_COST_S = 0.2
 _S = TypeVar("_S", Frame, Pose)
 
 
-class _Paced(Generic[_S], ABC):
+class _Paced(Closable, Generic[_S], ABC):
     """Numbers by time, so that one that was too late is a gap. Each sample is made ahead and handed out on time."""
 
     def __init__(self, world: World, clock: HostClock, rate_hz: float) -> None:
@@ -29,12 +29,7 @@ class _Paced(Generic[_S], ABC):
         self._cost_s = 0.0
         self._made: _S | None = None
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None, /
-    ) -> None:
+    def close(self) -> None:
         """Nothing is open."""
 
     @abstractmethod

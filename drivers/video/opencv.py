@@ -12,14 +12,14 @@ import threading
 from collections import deque
 from contextlib import suppress
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 from urllib.parse import unquote
 
 import cv2
 import numpy as np
 
 from drivers.clock.host_clock import HostClock
+from drivers.closable import Closable
 from drivers.device_api import Description
 from drivers.errors import DeviceLost
 from drivers.samples import Frame, GreyImage, Stamp
@@ -100,7 +100,7 @@ class _Times:
         return Stamp(self.clock.now_ns() - self._delay_ns, self._error_ns)
 
 
-class OpenCvVideo:
+class OpenCvVideo(Closable):
     """A thread reads, as OpenCV blocks as long as it likes; the oldest waiting picture gives way to a new one."""
 
     def __init__(self, capture: Any, where: str, times: _Times, cut: Cut) -> None:
@@ -111,12 +111,7 @@ class OpenCvVideo:
         self._thread = threading.Thread(target=self._run, name="opencv", daemon=True)
         self._thread.start()
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None, /
-    ) -> None:
+    def close(self) -> None:
         """A read that hangs is left behind after its time-out; its thread releases the device when it returns."""
         self._closing.set()
         self._thread.join(_LEAVE_S)

@@ -10,12 +10,11 @@ import socket
 import struct
 import time
 from dataclasses import dataclass
-from types import TracebackType
-from typing import Self
 
 import numpy as np
 
 from drivers.clock.host_clock import HostClock
+from drivers.closable import Closable
 from drivers.errors import ConfigurationError, DeviceLost, ProtocolError
 from drivers.samples import Frame, GreyImage, Stamp
 from drivers.video import SIM
@@ -111,19 +110,15 @@ def checked(target: str, options: dict[str, str]) -> str:
     return where
 
 
-class SimVideo:
+class SimVideo(Closable):
     """One connection; a frame that arrives in parts is kept until it is whole."""
 
     def __init__(self, line: socket.socket, where: str, clock: HostClock) -> None:
         self._line, self._where, self._clock = line, where, clock
         self._received = bytearray()
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None, /
-    ) -> None:
+    def close(self) -> None:
+        """See Closable."""
         self._line.close()
 
     def read(self, timeout_s: float) -> Frame | None:

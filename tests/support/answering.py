@@ -35,7 +35,7 @@ class Answers(ABC):
     def __exit__(self, *_: object) -> None:
         self._end.set()
         self._thread.join()
-        self._server.__exit__()
+        self._server.close()
 
     def restart(self) -> None:
         """As when the service is killed, and is there again at once."""

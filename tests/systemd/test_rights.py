@@ -144,8 +144,8 @@ class Sockets:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._door.__exit__()
-        self._control.__exit__()
+        self._door.close()
+        self._control.close()
         self._feed.close()
 
     def found_by(self, who: Identity) -> set[str]:

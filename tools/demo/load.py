@@ -1,10 +1,10 @@
 """When the machine was too busy for a cart in real time, as the demo sees it."""
 
 import time
-from typing import Self
 
 from appliance.service.host.pressure import Pressure
 from drivers.clock.host_clock import HostClock
+from drivers.closable import Closable
 
 _WINDOW_NS = 1_000_000_000
 """Length of a window: long enough to hold 20 ticks, short enough to fall within one fault of the demo."""
@@ -13,7 +13,7 @@ _SHORT = 0.9
 cart alone; 0.85 … 1.0 beside four to eight busy programs, of which the scanner's pictures begin to suffer at 16."""
 
 
-class DemoLoad:
+class DemoLoad(Closable):
     """Look often. spans_ns: windows of CLOCK_MONOTONIC in which the machine was too busy, joined."""
 
     def __init__(self) -> None:
@@ -23,10 +23,8 @@ class DemoLoad:
         self._overloaded = False
         self.spans_ns: list[tuple[int, int]] = []
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
+    def close(self) -> None:
+        """See Closable."""
         self._pressure.close()
 
     def look(self, overloaded: bool = False) -> None:

@@ -6,14 +6,14 @@ from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from types import TracebackType
-from typing import NamedTuple, Self
+from typing import NamedTuple
 
 from appliance.service.feed.message import FeedMessage, Taken
 from appliance.service.feed.request import FeedRequest
 from drivers.errors import ProbewatchError
 from drivers.samples import Frame, Pose, PoseStatus
 from tools.shared.feed import Feed
+from tools.shared.threaded import Threaded
 
 _MOST_POSES = 64
 """That wait for the server, a second of 60 Hz: then the oldest go. More hands on what is late, less loses some while a
@@ -30,7 +30,7 @@ class Wanted(NamedTuple):
     poses: bool = False
 
 
-class Passage:
+class Passage(Threaded):
     """feed: socket of the service. say: for the journal. trouble: why nothing comes, in words; empty while it does."""
 
     def __init__(self, feed: Path, say: Callable[[str], None]) -> None:
@@ -40,16 +40,11 @@ class Passage:
         self._frame: Frame | None = None
         self._poses: deque[Pose] = deque(maxlen=_MOST_POSES)
         self._read_fd, self._write_fd = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
-        self._thread = threading.Thread(target=self._run, name="feed", daemon=True)
+        super().__init__("feed")
         self.trouble = ""
 
-    def __enter__(self) -> Self:
-        self._thread.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None, /
-    ) -> None:
+    def close(self) -> None:
+        """See Closable."""
         self._ended = True
         self._changed.set()
         self._thread.join()

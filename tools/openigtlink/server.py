@@ -7,9 +7,8 @@ from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
 from threading import Event
-from types import TracebackType
-from typing import Self
 
+from drivers.closable import Closable
 from drivers.errors import ProtocolError, cannot_listen
 from drivers.openigtlink.client import FOLLOW_REMEDY
 from drivers.openigtlink.message import Header, Message, encode
@@ -144,7 +143,7 @@ class _Client:
             raise ConnectionAbortedError
 
 
-class StateServer:
+class StateServer(Closable):
     """Listens from construction until the context is left. address: (host, port), the port chosen if 0 was given.
 
     every_s: between two rounds. passage: of pictures and poses, under names, to who asks, or to everybody who comes
@@ -177,12 +176,8 @@ class StateServer:
         self._door.setblocking(False)
         self.address: tuple[str, int] = self._door.getsockname()[:2]
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None, /
-    ) -> None:
+    def close(self) -> None:
+        """See Closable."""
         self._door.close()
         for client in self._clients:
             client.line.close()

@@ -4,8 +4,7 @@ import threading
 import time
 from collections import deque
 from pathlib import Path
-from types import TracebackType
-from typing import NamedTuple, Self
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -15,6 +14,7 @@ from appliance.service.feed.request import FeedRequest
 from drivers.errors import ProbewatchError
 from drivers.samples import Frame, GreyImage
 from tools.shared.feed import Feed
+from tools.shared.threaded import Threaded
 
 _EVERY, _MOST_PX = 3, 960
 """One picture of three, ten a second of a scanner at 30 Hz; longest side. More shows smoother motion and takes the
@@ -38,7 +38,7 @@ class Picture(NamedTuple):
     jpeg: bytes
 
 
-class Pictures:
+class Pictures(Threaded):
     """feed: socket of the service. trouble: why there is no picture, in words; empty while there is."""
 
     def __init__(self, feed: Path) -> None:
@@ -47,16 +47,11 @@ class Pictures:
         self._ended, self._wanted = threading.Event(), threading.Event()
         self._last: deque[Picture] = deque(maxlen=_KEPT)
         self._number = 0
-        self._thread = threading.Thread(target=self._run, name="pictures", daemon=True)
+        super().__init__("pictures")
         self.trouble = ""
 
-    def __enter__(self) -> Self:
-        self._thread.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None, /
-    ) -> None:
+    def close(self) -> None:
+        """See Closable."""
         self._ended.set()
         self._wanted.set()
         self._thread.join(2 * _LOOKED_AT_S)

@@ -8,13 +8,14 @@ import pwd
 import threading
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 from appliance.service.control.rights import join_group
 from appliance.service.control.server import ControlRefused, ControlServer, Peer, Reply
 from appliance.service.host.unix_socket import Lines, connected
 from drivers.errors import ConfigurationError, DeviceLost
 from drivers.printable import printable
+from tools.shared.threaded import Threaded
 
 _EVERY_S = 0.05
 """Between two looks for who asks: a person waits no longer. More often is work for nothing."""
@@ -24,7 +25,7 @@ _MOST_BYTES = 4096
 """An answer has some 100."""
 
 
-class Door:
+class Door(Threaded):
     """Serves `path` while the block runs. invite: makes (token, URL) for a user, as the kernel knows him. onlookers:
     ids of users who get none. Raises ConfigurationError, DeviceLost where it cannot.
     """
@@ -34,16 +35,13 @@ class Door:
     ) -> None:
         self._server, self._invite, self._onlookers = _server(path, group), invite, onlookers
         self._ended = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="door", daemon=True)
+        super().__init__("door")
 
-    def __enter__(self) -> Self:
-        self._thread.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
+    def close(self) -> None:
+        """See Closable."""
         self._ended.set()
         self._thread.join()
-        self._server.__exit__()
+        self._server.close()
 
     def _run(self) -> None:
         while not self._ended.wait(_EVERY_S):

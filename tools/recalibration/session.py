@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable, Mapping
 from enum import StrEnum
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
@@ -29,6 +29,7 @@ from tools.recalibration.scanning import Scanned, counts_of, marked, state_field
 from tools.recalibration.steps import LatencyStep, Sound, estimate_of
 from tools.shared.feed import Feed
 from tools.shared.status_watch import Seen, StatusWatch
+from tools.shared.threaded import Threaded
 from tools.shared.verification import waits_for
 
 _LOOK_S = 0.5
@@ -69,7 +70,7 @@ _HELD = (*_LISTENING, Phase.REVIEW)
 _OPEN = (*_HELD, Phase.PROVING)
 
 
-class ScanSession:
+class ScanSession(Threaded):
     """control, feed: sockets of the service. folder: where new calibrations are written, readable to the service.
 
     watch: of the same service. now_s: a clock in seconds. Requests raise ProbewatchError, in words for the technician.
@@ -88,7 +89,7 @@ class ScanSession:
         self._lock = threading.RLock()
         self._changed = threading.Event()
         self._ended = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="recalibration", daemon=True)
+        super().__init__("recalibration")
         self._phase, self._message, self._trouble = Phase.IDLE, "", ""
         self._begin: Begin | None = None
         self._scanned: Scanned | None = None
@@ -103,11 +104,7 @@ class ScanSession:
         self._fields: dict[str, Any] = {}
         self._solved_s = 0.0
 
-    def __enter__(self) -> Self:
-        self._thread.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
+    def close(self) -> None:
         """A scan that nobody can finish any more is given up, so that the cart can be used."""
         self._ended.set()
         self._changed.set()

@@ -6,12 +6,12 @@ import socket
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Self
 
 from appliance.service.control.rights import join_group
 from appliance.service.feed.message import HEAD_BYTES, FeedMessage, Hello, Refused, lengths, unpacked
 from appliance.service.feed.request import FeedRequest
 from appliance.service.host.unix_socket import connected, received_by
+from drivers.closable import Closable
 from drivers.errors import DeviceLost, ProbewatchError
 
 _ANSWER_S = 5.0
@@ -21,7 +21,7 @@ _READ_BYTES = 1 << 16
 """Asked of the kernel at once; a picture of 640 × 480 takes five. Not measured."""
 
 
-class Feed:
+class Feed(Closable):
     """Connected from construction on; close it, or leave the context.
 
     path: of the feed's socket. software: version of the service. Raises DeviceLost where nothing answers or the client
@@ -43,12 +43,6 @@ class Feed:
             raise self._gone(error) if isinstance(error, OSError) else error from None
         assert isinstance(first, Hello)
         self.software = first.software
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
     def close(self) -> None:
         """A thread that waits in `next` hears of it as DeviceLost."""

@@ -4,11 +4,11 @@ import threading
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 from appliance.service.control.client import ControlClient
 from drivers.errors import ProbewatchError
+from tools.shared.threaded import Threaded
 
 _ANSWER_S = 1.0
 """For the service to answer: twenty ticks. Longer reports later that it does not."""
@@ -35,7 +35,7 @@ class Seen:
     silence: str = ""
 
 
-class StatusWatch:
+class StatusWatch(Threaded):
     """`path` is the control socket, `every_s` the polling interval while there are listeners."""
 
     def __init__(self, path: Path, every_s: float) -> None:
@@ -44,15 +44,10 @@ class StatusWatch:
         self._ended = threading.Event()
         self._last: Seen | None = None
         self._why = "it was not asked yet"
-        self._thread = threading.Thread(target=self._run, name="status", daemon=True)
+        super().__init__("status")
 
-    def __enter__(self) -> Self:
-        self._thread.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None, /
-    ) -> None:
+    def close(self) -> None:
+        """See Closable."""
         self._ended.set()
         self._thread.join(2 * _ANSWER_S)
 

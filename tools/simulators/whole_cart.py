@@ -12,7 +12,6 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 from appliance.service.control.client import ControlClient
@@ -20,6 +19,7 @@ from appliance.service.control.server import ControlRefused
 from appliance.service.host.child_process import ONE_THREAD
 from appliance.storage.calibration_file import calibration_from_image_to_probe, write_calibration
 from drivers.clock.host_clock import HostClock
+from drivers.closable import Closable
 from drivers.errors import DeviceLost, ProbewatchError
 from drivers.files.atomic_file import replacing
 from drivers.twins.faults import PICTURE_FAULTS, Schedule
@@ -142,7 +142,7 @@ class NotReady(DeviceLost):
     """A part that lives did not come up, or did not answer, in time."""
 
 
-class SimulatedDevices:
+class SimulatedDevices(Closable):
     """The devices, everything under `folder`; leaving the context ends every process. Time 0 is the creation of this
     object.
 
@@ -171,11 +171,6 @@ class SimulatedDevices:
             self.close()
             raise
         return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None, /
-    ) -> None:
-        self.close()
 
     def _start(self) -> None:
         for name in TWINS:

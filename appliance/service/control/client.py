@@ -2,13 +2,13 @@
 
 import json
 from pathlib import Path
-from typing import Self
 
 from appliance.service.control.refusal import why_silent
 from appliance.service.control.rights import join_group
 from appliance.service.control.server import VERSION, ControlRefused, Reply
 from appliance.service.control.starting import NoService, how_to_start
 from appliance.service.host.unix_socket import Lines, connected
+from drivers.closable import Closable
 from drivers.errors import DeviceLost, ProbewatchError
 from drivers.printable import printable_value
 
@@ -16,7 +16,7 @@ _LONGEST_REPLY = 1 << 20
 """Bytes. A status has some 20 kB; what is longer is no service, and takes memory."""
 
 
-class ControlClient:
+class ControlClient(Closable):
     """Speaks to a running service. Raises ControlRefused when it declines; when none answers, DeviceLost, or what the
     service could not be started with, as ConfigurationError. timeout_s: for each reply, the whole of it.
     """
@@ -28,12 +28,6 @@ class ControlClient:
         except OSError as error:
             raise self._gone(error) from None
         self._lines = Lines(self._link, _LONGEST_REPLY)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
     def close(self) -> None:
         self._link.close()

@@ -25,11 +25,12 @@ from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 from appliance.service.control.starting import how_to_end
 from appliance.service.host.request_line import request_fields
 from appliance.service.host.unix_socket import listening
+from drivers.closable import Closable
 from drivers.errors import ConfigurationError, DeviceLost, ProbewatchError
 from drivers.printable import printable_value
 
@@ -87,7 +88,7 @@ class _Client:
         return b"\n" in self.received
 
 
-class ControlServer:
+class ControlServer(Closable):
     """Holds the socket at `path`, mode 0660, of `group` if one is named, and of `users`, by id; a lock beside it, which
     only its owner may open, keeps a second service out.
 
@@ -105,10 +106,8 @@ class ControlServer:
         self._kept: int | None = None
         self.dropped_clients = 0
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
+    def close(self) -> None:
+        """See Closable."""
         for client in (*self._silent, *self._clients):
             self._drop(client)
         self._listener.close()

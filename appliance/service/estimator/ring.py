@@ -18,10 +18,11 @@ import termios
 from contextlib import suppress
 from dataclasses import dataclass
 from io import FileIO
-from typing import NamedTuple, Self
+from typing import NamedTuple
 
 import numpy as np
 
+from drivers.closable import Closable
 from drivers.samples import Frame, Matrix4, Pose, PoseStatus, Sample, Stamp
 
 _SPARE_SLOTS = 2
@@ -83,7 +84,7 @@ class _Notice(NamedTuple):
     payload_bytes: int
 
 
-class Ring:
+class Ring(Closable):
     """Both ends of the ring; the producer calls put, the consumer the rest. Give the peer `fds` and the same shape.
 
     A new consumer may follow a dead one on the same ring; the producer stays the same.
@@ -104,12 +105,6 @@ class Ring:
         self._written = 0
         self._notices: list[_Notice] = []
         self._next: int | None = None
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
     def close(self) -> None:
         """Release the memory and the pipe; they are freed when the peer has gone too."""

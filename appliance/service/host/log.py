@@ -6,11 +6,12 @@ import json
 import queue
 import sys
 import threading
-from typing import Any, Protocol, Self, TextIO
+from typing import Any, Protocol, TextIO
 
 import structlog
 
 from appliance.service.host.journal import journal_stream
+from drivers.closable import Closable
 from drivers.printable import printable_lines, printable_value
 
 _LEVELS = {"debug": 10, "info": 20, "warning": 30, "error": 40}
@@ -26,7 +27,7 @@ class LogStream(Protocol):
     def flush(self) -> None: ...
 
 
-class LogWriter:
+class LogWriter(Closable):
     """A bounded queue and its thread; the newest line is dropped, and counted, when the reader of stderr is slow.
 
     How many were dropped is the next line that can be written.
@@ -38,12 +39,6 @@ class LogWriter:
         self.dropped = self._reported_dropped = 0
         self._thread = threading.Thread(target=self._write, name="log", daemon=True)
         self._thread.start()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
     def msg(self, line: str) -> None:
         try:

@@ -4,10 +4,8 @@ Its options are the rows of NDI, in the `__init__.py` of this folder. Without pr
 of freedom is the probe; poses of further tools are in `telemetry`.
 """
 
-from types import TracebackType
-from typing import Self
-
 from drivers.clock.host_clock import HostClock
+from drivers.closable import Closable
 from drivers.device_api import Description
 from drivers.errors import ConfigurationError, DeviceLost
 from drivers.io.byte_log import ByteLog
@@ -50,7 +48,7 @@ def connect(line: ByteLine, url: str, options: TrackerOptions, clock: HostClock)
     return NdiTracker(Link(line, clock, byte_log), options, clock)
 
 
-class NdiTracker:
+class NdiTracker(Closable):
     """One tracking device, tracking from construction until the context is left; then as a fresh program expects it."""
 
     def __init__(self, link: Link, options: TrackerOptions, clock: HostClock) -> None:
@@ -88,12 +86,8 @@ class NdiTracker:
         self._assembly = PoseAssembly(bodies, agreed, options.latency_ms)
         self._polling = Polling(self._link, agreed, self._assembly.freshness, self._probe.handle)
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None, /
-    ) -> None:
+    def close(self) -> None:
+        """See Closable."""
         self._session.stop()
         self._link.close()
 

@@ -8,12 +8,11 @@ import random
 from collections import deque
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
 from drivers.clock.counter_clock import DeviceClock
 from drivers.clock.host_clock import HostClock
 from drivers.clock.monotonic_stamps import MonotonicStamps
+from drivers.closable import Closable
 from drivers.device_api import Description
 from drivers.errors import ConfigurationError, ProtocolError
 from drivers.io.tcp_line import parse_address
@@ -112,7 +111,7 @@ def parse_options(options: dict[str, str], where: str) -> OptotrakOptions:
     return checked
 
 
-class OptotrakTracker:
+class OptotrakTracker(Closable):
     """One connection to the server, streaming from construction until the context is left.
 
     refused: packets dropped because they were damaged or said what cannot be. events: the last ones, as the server
@@ -148,12 +147,8 @@ class OptotrakTracker:
         self._absent_ns: int | None = None
         self._random = random.Random(0)
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None, /
-    ) -> None:
+    def close(self) -> None:
+        """See Closable."""
         self._connection.close(("Bye",) if self._options.single else ("StreamFrames Stop", "Bye"))
 
     @property

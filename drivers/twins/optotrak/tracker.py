@@ -9,8 +9,6 @@ from contextlib import suppress
 from dataclasses import replace
 from math import floor
 from threading import Event
-from types import TracebackType
-from typing import Self
 
 from drivers.clock.host_clock import HostClock
 from drivers.trackers.optotrak.rtc3d import (
@@ -29,7 +27,7 @@ from drivers.trackers.optotrak.rtc3d import (
 )
 from drivers.twins.fault_control import FaultControl
 from drivers.twins.optotrak.first_principles import Device, Session
-from drivers.twins.tcp_server import TcpServer
+from drivers.twins.tcp_server import ListeningTwin, TcpServer
 
 FAULTS = (
     "bend-marker",
@@ -124,8 +122,8 @@ class _Client:
         return max(self._next_ns, now_ns + _SEGMENT_NS) if self._waiting else now_ns + _IDLE_NS
 
 
-class OptotrakTwin:
-    """Listens from construction until the context is left. address: as `TcpServer` has it.
+class OptotrakTwin(ListeningTwin[_Client]):
+    """Simulates a First Principles server. address: as `TcpServer` has it.
 
     faults: of FAULTS, and when.
     """
@@ -139,20 +137,7 @@ class OptotrakTwin:
         self._held: int | None = None
         self._ready: tuple[int, frozenset[str], DataFrame] | None = None
         self._shift_frames, self._shift_us, self._begin_number = 0, 0, 0
-        self._server = TcpServer(address, lambda line: _Client(line, Session(device)), self._note)
-
-    @property
-    def address(self) -> tuple[str, int]:
-        """(host, port) where it listens."""
-        return self._server.address
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None, /
-    ) -> None:
-        self._server.unplug()
+        super().__init__(TcpServer(address, lambda line: _Client(line, Session(device)), self._note))
 
     def run(self, stop: Event) -> None:
         """Serve until stop is set."""

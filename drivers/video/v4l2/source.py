@@ -6,12 +6,11 @@ second, as drivers go on sending pictures without one.
 """
 
 from contextlib import ExitStack
-from types import TracebackType
-from typing import Self
 
 import numpy as np
 
 from drivers.clock.host_clock import HostClock
+from drivers.closable import Closable
 from drivers.device_api import Description
 from drivers.errors import ConfigurationError
 from drivers.samples import Frame, GreyImage, Stamp
@@ -45,7 +44,7 @@ def checked(target: str, options: dict[str, str]) -> tuple[RequestedFormat, Cut]
     return requested_from(given), cut_from(given)
 
 
-class V4l2Video:
+class V4l2Video(Closable):
     """One running capture. damaged: pictures dropped because the driver or their bytes say that they are broken."""
 
     def __init__(self, path: str, requested: RequestedFormat, cut: Cut, clock: HostClock) -> None:
@@ -62,12 +61,8 @@ class V4l2Video:
         self._asked_ns = clock.now_ns()
         self.damaged = 0
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None, /
-    ) -> None:
+    def close(self) -> None:
+        """See Closable."""
         self._closing.close()
 
     def describe(self) -> Description:

@@ -50,7 +50,7 @@ class Service:
     def close(self) -> None:
         self._end.set()
         self._thread.join()
-        self.server.__exit__()
+        self.server.close()
 
 
 @pytest.fixture

@@ -1,0 +1,20 @@
+"""What works in a thread of its own."""
+
+import threading
+from typing import Self
+
+from drivers.closable import Closable
+
+
+class Threaded(Closable):
+    """Runs `_run` in a thread of that name from the beginning of its `with` block; `close` must end it."""
+
+    def __init__(self, name: str) -> None:
+        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def _run(self) -> None:
+        raise NotImplementedError
