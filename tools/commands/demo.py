@@ -14,8 +14,7 @@ from rich.console import Console
 
 from appliance.supervision.supervisor import LATCHED
 from appliance.types import State
-from drivers.errors import ConfigurationError, TooBusy
-from drivers.twins.faults import CART_FAULTS, refuse_unknown_fault
+from drivers.errors import TooBusy
 from drivers.twins.scene.bedside import scanned
 from drivers.twins.scene.surroundings import RIGID
 from tools.demo.director import Director
@@ -24,6 +23,7 @@ from tools.demo.load import DemoLoad
 from tools.demo.outcome import History, Moment, Prompt, Switch, judge
 from tools.demo.report import Circumstances, print_report, report_fields
 from tools.demo.script import Planned, Script, chosen_plan, default_plan
+from tools.shared.fault_at import fault_at
 from tools.shared.json_report import json_option, text_aside
 from tools.shared.point_text import point_text
 from tools.shared.status_view import Status
@@ -43,16 +43,8 @@ def _faults(_context: click.Context, _option: click.Parameter, texts: tuple[str,
 
 
 def _fault(text: str) -> tuple[str, float]:
-    fault, _, seconds = text.partition("@")
-    try:
-        refuse_unknown_fault(fault, CART_FAULTS, "")
-    except ConfigurationError as error:
-        raise click.BadParameter(error.advice) from None
-    try:
-        from_s = float(seconds)
-    except ValueError:
-        from_s = -1.0
-    if not 0 <= from_s < 1e5:
+    fault, from_s = fault_at(text)
+    if from_s is None or not 0 <= from_s < 1e5:
         raise click.BadParameter(f"'{text}' needs a time in seconds, such as {fault}@25")
     return fault, from_s
 

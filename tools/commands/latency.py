@@ -1,6 +1,7 @@
 """`probewatch latency`: measures the tracker's latency against the pictures, from a recording."""
 
 import math
+from collections.abc import Callable
 from pathlib import Path
 
 import click
@@ -12,7 +13,9 @@ from appliance.limits import Limits
 from appliance.storage.calibration_file import read_calibration
 from drivers.errors import RecordingError
 from drivers.recordings.replay import Recording, open_recording
+from drivers.samples import Sample
 from tools.shared.left_out import tell_left_out
+from tools.shared.recording_options import recording_options
 from tools.shared.terminal import progress_bar
 
 _CLOCK_SIGMA_MS = 5.0
@@ -27,11 +30,7 @@ temporal calibration. The estimator's own sigma is of the motion alone.
 @click.option(
     "--calibration", type=click.Path(path_type=Path), help="for tissue or a phantom; without it: a water tank"
 )
-@click.option("--probe", help="tool on the probe, as the transforms name it [Probe]")
-@click.option("--reference", help="reference tool; Tracker for none [Reference, where recorded]")
-@click.option(
-    "--orientation", help="orientation of stored pictures, where the file does not state it: MF, MN, UF or UN"
-)
+@recording_options()
 def command(
     recording: Path,
     poses: Path | None,
@@ -70,11 +69,7 @@ def command(
 
 def _of_tank(session: Recording, recording: Path) -> Latency:
     bottom = BottomLine()
-    with progress_bar("looking for the tank's bottom") as progress:
-        task = progress.add_task("latency", total=len(session))
-        for sample in session.samples():
-            bottom.step(sample)
-            progress.update(task, advance=1)
+    _walk(session, "looking for the tank's bottom", bottom.step)
     found = bottom.latency()
     if found is None:
         line = f"a bright line across the picture that moves was seen in {bottom.seen} of {bottom.pictures} pictures"
@@ -88,13 +83,18 @@ def _of_tank(session: Recording, recording: Path) -> Latency:
 
 def _of_tissue(session: Recording, calibration: Path, probe: str | None, recording: Path) -> Latency:
     line = Line(read_calibration(calibration, session.size_px, probe or "Probe"), Limits())
-    with progress_bar("comparing the paths of picture and tracker") as progress:
-        task = progress.add_task("latency", total=len(session))
-        for sample in session.samples():
-            line.step(sample)
-            progress.update(task, advance=1)
+    _walk(session, "comparing the paths of picture and tracker", line.step)
     check = line.constant_latency()
     if math.isnan(check.value):
         remedy = "Record a quarter of a minute of tissue: to and fro sideways and in depth, turning sharply"
         raise RecordingError("its motion does not show how late the tracker is", str(recording), remedy)
     return Latency(check.value / 1000, check.sigma / 1000)
+
+
+def _walk(session: Recording, work: str, step: Callable[[Sample], object]) -> None:
+    """Takes each sample of the recording, and shows how far the work has come."""
+    with progress_bar(work) as progress:
+        task = progress.add_task("latency", total=len(session))
+        for sample in session.samples():
+            step(sample)
+            progress.update(task, advance=1)

@@ -1,6 +1,5 @@
 """`probewatch metrics`: serves the status for Prometheus, from a separate process."""
 
-import signal
 import sys
 import threading
 from contextlib import ExitStack
@@ -8,13 +7,14 @@ from pathlib import Path
 
 import click
 
-from drivers.errors import ConfigurationError
 from drivers.files.atomic_file import check_kind, check_replaceable, replacing
 from tools.monitoring.endpoint import Endpoint
 from tools.monitoring.reading import Exposition
 from tools.shared.absent_service import warn_if_absent
 from tools.shared.called_host import endpoint_text
+from tools.shared.listen_address import listen_address
 from tools.shared.named_cart import socket_option
+from tools.shared.termination import termination
 from tools.shared.without_effect import refuse_typed
 
 _LISTEN = "127.0.0.1:9797"
@@ -22,7 +22,6 @@ _LISTEN = "127.0.0.1:9797"
 _METRICS_BEGIN = b"# HELP probewatch_"
 _EVERY_S = 15.0
 """Between two files: Prometheus asks as often, unless it is told otherwise."""
-_MOST_PORT = 65535  # of TCP
 
 
 @click.command()
@@ -80,24 +79,14 @@ def command(
         raise click.UsageError("--no-http needs --textfile")
     check_kind(textfile, "metrics", ".prom", ".txt")
     check_replaceable(textfile, _METRICS_BEGIN)
-    stop = threading.Event()
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: stop.set())
+    stop = termination()
     with ExitStack() as served:
         if not no_http:
-            endpoint = served.enter_context(Endpoint(*_address(listen), exposition.text, hosts))
+            endpoint = served.enter_context(Endpoint(*listen_address(listen, _LISTEN), exposition.text, hosts))
             host, port = str(endpoint.server_address[0]), int(endpoint.server_address[1])
             click.echo(f"http://{endpoint_text(host, port)}/metrics")
         warn_if_absent(control_socket)
         _write_until(stop, textfile, every_s, exposition)
-
-
-def _address(listen: str) -> tuple[str, int]:
-    host, colon, port = listen.rpartition(":")
-    host = host.removeprefix("[").removesuffix("]")
-    if not (host and colon and port.isascii() and port.isdecimal() and int(port) <= _MOST_PORT):
-        raise ConfigurationError("is not HOST:PORT", f"--listen {listen}", f"Such as {_LISTEN} or [::1]:9797")
-    return host, int(port)
 
 
 def _write_until(stop: threading.Event, textfile: Path | None, every_s: float, exposition: Exposition) -> None:

@@ -1,9 +1,7 @@
 """`probewatch mqtt`: publishes the state of the cart to an MQTT broker, from a separate process."""
 
 import re
-import signal
 import socket
-import threading
 from pathlib import Path
 
 import click
@@ -12,6 +10,7 @@ from tools.monitoring.mqtt import Publisher, broker_of
 from tools.monitoring.reading import read_status
 from tools.shared.absent_service import warn_if_absent
 from tools.shared.named_cart import socket_option
+from tools.shared.termination import termination
 
 _FILE = click.Path(dir_okay=False, path_type=Path)
 
@@ -68,9 +67,7 @@ def command(
     """
     where = broker_of(broker, user, password_file, ca, certificate, key)
     warn_if_absent(control_socket)
-    stop = threading.Event()
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: stop.set())
+    stop = termination()
     Publisher(
         where, cart, lambda: read_status(control_socket), lambda text: click.echo(text, err=True), prefix, discovery
     ).run(stop)

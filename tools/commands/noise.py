@@ -22,6 +22,7 @@ from tools.shared.digest import file_sha256, with_pictures
 from tools.shared.found_recordings import found
 from tools.shared.healthy_scanning import Heard, Named, heard_in_sequence, heard_in_series
 from tools.shared.noise_tail import Tail, least_hours, minutes_text, tail_of
+from tools.shared.recording_options import recording_options
 
 _Item = TypeVar("_Item")
 _DIGITS = 3
@@ -33,9 +34,7 @@ _DIGITS = 3
 @click.option("--output", required=True, type=click.Path(path_type=Path), help="file to write, such as noise.toml")
 @click.option("--config", "config_path", type=click.Path(path_type=Path), help="of the cart: its limits and times")
 @click.option("--calibration", type=click.Path(path_type=Path), help="of sequences; a black box brings its own")
-@click.option("--probe", help="of sequences: tool on the probe, as the transforms name it [Probe]")
-@click.option("--reference", help="of sequences: reference tool; Tracker for none [Reference, where recorded]")
-@click.option("--orientation", help="of sequences that do not state it: MF, MN, UF or UN")
+@recording_options("sequences")
 def command(
     recordings: tuple[Path, ...],
     output: Path,

@@ -1,9 +1,7 @@
 """`probewatch openigtlink`: sends the service's data to OpenIGTLink clients."""
 
 import ipaddress
-import signal
 from pathlib import Path
-from threading import Event
 
 import click
 
@@ -15,6 +13,7 @@ from tools.shared.absent_service import warn_if_absent
 from tools.shared.called_host import endpoint_text
 from tools.shared.named_cart import socket_option
 from tools.shared.status_watch import StatusWatch
+from tools.shared.termination import termination
 
 _PORT = 18944
 """TCP port of OpenIGTLink, by its specification."""
@@ -74,13 +73,11 @@ def command(
     """
     if image == pose:
         raise click.UsageError(f"--image and --pose are both '{image}': give each a name of its own")
-    stop = Event()
+    stop = termination()
 
     def say(text: str) -> None:
         click.echo(f"probewatch: {text}", err=True)
 
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: stop.set())
     with (
         StatusWatch(control_socket, every_s) as watch,
         Passage(feed or control_socket.with_name("feed"), lambda text: click.echo(text, err=True)) as passage,

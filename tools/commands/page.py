@@ -24,6 +24,7 @@ from tools.page.tokens import TOKEN_S, Tokens
 from tools.recalibration.session import ScanSession
 from tools.shared.absent_service import warn_if_absent
 from tools.shared.called_host import endpoint_text
+from tools.shared.listen_address import listen_address
 from tools.shared.named_cart import SOCKET, config_option, named_or_own
 from tools.shared.status_watch import StatusWatch
 from tools.shared.without_effect import refuse_typed
@@ -31,7 +32,6 @@ from tools.shared.without_effect import refuse_typed
 _LISTEN = "127.0.0.1:9780"
 """No port that Debian's packages give to another program, as far as known; beside that of the metrics."""
 _DOOR = Path("/run/probewatch-page/door")
-_MOST_PORT = 65535  # of TCP
 _EVERY_S = 0.2
 """Between two questions to the service while somebody looks: four of its ticks."""
 _LONGEST_HEADERS = 16_384
@@ -89,7 +89,7 @@ def command(
         control = SOCKET if config is None else config.control.socket
     if feed is None:
         feed = (None if config is None else config.feed_socket) or control.with_name("feed")
-    host, port = _address(listen)
+    host, port = listen_address(listen, _LISTEN)
     tokens = Tokens()
     with ExitStack() as running:
         listener = running.enter_context(_listening(host, port))
@@ -163,11 +163,3 @@ def _listening(host: str, port: int) -> sockets.socket:
         return sockets.create_server((host, port), family=sockets.AF_INET6 if ":" in host else sockets.AF_INET)
     except (OSError, OverflowError, UnicodeError) as error:
         raise cannot_listen(error, f"--listen {host}:{port}", "Choose another address") from None
-
-
-def _address(listen: str) -> tuple[str, int]:
-    host, colon, port = listen.rpartition(":")
-    host = host.removeprefix("[").removesuffix("]")
-    if not (host and colon and port.isascii() and port.isdecimal() and int(port) <= _MOST_PORT):
-        raise ConfigurationError("is not HOST:PORT", f"--listen {listen}", f"Such as {_LISTEN} or [::1]:9780")
-    return host, int(port)

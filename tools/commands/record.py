@@ -1,7 +1,5 @@
 """`probewatch record`: records what the service sees into black boxes, and marks what is kept."""
 
-import signal
-import threading
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -12,6 +10,7 @@ from appliance.configuration.config import load_config
 from drivers.errors import ConfigurationError
 from tools.recorder.run import RecorderService, ask
 from tools.shared.named_cart import cart_option
+from tools.shared.termination import termination
 from tools.shared.unit_sight import is_of_the_unit
 
 
@@ -39,9 +38,7 @@ def command(action: str | None, config_file: Path, reason: str) -> None:
     if action is not None:
         _print(ask(config.recorder.socket, action, reason, _start(config_file)))
         return
-    stop = threading.Event()
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: stop.set())
+    stop = termination()
     try:
         with RecorderService(config) as service:
             click.echo(f"recording into {config.recorder.folder}", err=True)

@@ -10,22 +10,14 @@ from appliance.service.control.client import ControlClient
 from drivers.clock.host_clock import HostClock
 from drivers.errors import ConfigurationError, DeviceLost, ProbewatchError
 from drivers.registry import open_output
-from tools.shared.named_cart import ENVIRONMENT
+from tools.shared.named_cart import required_config
 
 _ANSWER_S = 1.0
 """For a running service to take the connection: twenty ticks. Longer only delays the end of the unit."""
 
 
 @click.command("release")
-@click.option(
-    "--config",
-    "config_file",
-    required=True,
-    envvar=ENVIRONMENT,
-    show_envvar=True,
-    type=click.Path(dir_okay=False, path_type=Path),
-    help="the configuration that lists the outputs",
-)
+@required_config("the configuration that lists the outputs")
 def command(config_file: Path) -> None:
     """De-energise every alarm output of the configuration, for devices that hold their level without the service.
 

@@ -20,21 +20,23 @@ from appliance.storage.calibration_file import calibration_bytes, check_own_name
 from appliance.supervision.timeline import Judging
 from appliance.types import Calibration, Check
 from drivers.descriptor import FILM_SUFFIXES
-from drivers.errors import ConfigurationError, RecordingError
+from drivers.errors import RecordingError
 from drivers.files.atomic_file import check_apart, check_new
 from drivers.recordings.replay import Recording, open_recording
 from drivers.suggestion import did_you_mean, suggested
-from drivers.twins.faults import CART_FAULTS, Episode, Schedule, refuse_unknown_fault
+from drivers.twins.faults import CART_FAULTS, Episode, Schedule
 from tools.report.page import check_page
 from tools.report.pdf import check_pdf, write_pdf
 from tools.report.recording_page import write_recording_page
 from tools.report.trace import Trace
 from tools.shared.digest import with_pictures
 from tools.shared.estimate import write_estimate
+from tools.shared.fault_at import fault_at
 from tools.shared.found_recordings import SUFFIXES, found, is_there
 from tools.shared.json_report import json_option, text_aside
 from tools.shared.point_text import point_text
 from tools.shared.profile_text import profile_text
+from tools.shared.recording_options import recording_options
 from tools.shared.recording_run import BlackBoxSession, Seen, nobody, run, run_series
 from tools.shared.rerun import Comparison
 from tools.shared.subject import Subject
@@ -51,18 +53,11 @@ def _episodes(_context: click.Context, _option: click.Parameter, texts: tuple[st
 
 
 def _episode(text: str) -> Episode:
-    fault, at, seconds = text.partition("@")
-    try:
-        refuse_unknown_fault(fault, CART_FAULTS, "")
-    except ConfigurationError as error:
-        raise click.BadParameter(error.advice) from None
-    try:
-        from_s = float(seconds) if at else 0.0
-    except ValueError:
-        from_s = -1.0
-    if not 0 <= from_s < 1e6:
+    fault, from_s = fault_at(text)
+    if from_s is not None and not 0 <= from_s < 1e6:
+        seconds = text.partition("@")[2]
         raise click.BadParameter(f"'{seconds}' is not a time in seconds after the start of the recording")
-    return Episode(fault, from_s)
+    return Episode(fault, from_s or 0.0)
 
 
 @click.command(name="replay")
@@ -89,11 +84,7 @@ def _episode(text: str) -> Episode:
 @click.option(
     "--estimate", "estimate_path", type=click.Path(path_type=Path), help="write the estimated calibration here"
 )
-@click.option("--probe", help="tool on the probe, as the transforms name it [Probe]")
-@click.option("--reference", help="reference tool; Tracker for none [Reference, where recorded]")
-@click.option(
-    "--orientation", help="orientation of stored pictures, where the file does not state it: MF, MN, UF or UN"
-)
+@recording_options()
 @click.option(
     "--jobs", default=1, show_default=True, type=click.IntRange(1, 512), help="processes for several recordings"
 )

@@ -1,7 +1,5 @@
 """`probewatch run`: runs the service."""
 
-import signal
-import threading
 import time
 from contextlib import closing
 from pathlib import Path
@@ -21,19 +19,12 @@ from appliance.service.host.resident_memory import keep_what_is_loaded, lock_mem
 from appliance.service.unconfigured import await_configuration
 from drivers.clock.host_clock import HostClock
 from drivers.errors import ConfigurationError
-from tools.shared.named_cart import ENVIRONMENT
+from tools.shared.named_cart import required_config
+from tools.shared.termination import termination
 
 
 @click.command()
-@click.option(
-    "--config",
-    "config_file",
-    required=True,
-    envvar=ENVIRONMENT,
-    show_envvar=True,
-    type=click.Path(dir_okay=False, path_type=Path),
-    help="the configuration, such as config/probewatch.toml",
-)
+@required_config("the configuration, such as config/probewatch.toml")
 @click.option("--clock-rate", default=1.0, type=click.FloatRange(0.01, 100), hidden=True)
 @click.option("--clock-origin-ns", type=int, hidden=True)
 def command(config_file: Path, clock_rate: float, clock_origin_ns: int | None) -> None:
@@ -63,9 +54,7 @@ def _run(config_file: Path, clock: HostClock, slowness: float) -> None:
 
 
 def _await_configuration(config_file: Path) -> None:
-    stop = threading.Event()
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: stop.set())
+    stop = termination()
     with configure("info"):
         await_configuration(config_file, stop)
 

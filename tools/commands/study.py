@@ -17,6 +17,7 @@ from drivers.files.atomic_file import check_kind
 from drivers.twins.scene.breathing import DIRECTIONS
 from drivers.twins.scene.surroundings import described, surroundings
 from tools.shared.found_recordings import found, is_there
+from tools.shared.recording_options import recording_options
 from tools.shared.tables import NOTHING, FittingTable
 from tools.shared.terminal import progress_bar
 from tools.shared.without_effect import refuse_typed
@@ -166,9 +167,7 @@ def _profiles(_context: click.Context, _option: click.Parameter, text: str) -> t
 @click.option(
     "--calibration", type=click.Path(path_type=Path), help="of the RECORDINGs: a probewatch .toml or a PLUS device set"
 )
-@click.option("--probe", help="of RECORDINGs: tool on the probe, as the transforms name it [Probe]")
-@click.option("--reference", help="of RECORDINGs: reference tool; Tracker for none [Reference, where recorded]")
-@click.option("--orientation", help="of RECORDINGs that do not state it: MF, MN, UF or UN")
+@recording_options("RECORDINGs")
 def command(
     recordings: tuple[str, ...],
     output: Path,

@@ -4,8 +4,9 @@ import contextlib
 import math
 import socket
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import TypeVar
 
 from appliance.service.control.rights import join_group
 from appliance.service.feed.message import HEAD_BYTES, FeedMessage, Hello, Refused, lengths, unpacked
@@ -19,6 +20,8 @@ _ANSWER_S = 5.0
 computer. Longer hides one that hangs."""
 _READ_BYTES = 1 << 16
 """Asked of the kernel at once; a picture of 640 × 480 takes five. Not measured."""
+
+_Read = TypeVar("_Read")
 
 
 class Feed(Closable):
@@ -67,18 +70,16 @@ class Feed(Closable):
 
     def next(self, timeout_s: float | None) -> FeedMessage | None:
         """The next message, None where none was whole in time. Raises DeviceLost, ProtocolError."""
-        try:
-            return self._one(_end_s(timeout_s))
-        except TimeoutError:
-            return None
-        except OSError as error:
-            raise self._gone(error) from None
+        return self._in_time(self._one, timeout_s)
 
     def next_raw(self, timeout_s: float | None) -> tuple[bytes, bytes] | None:
         """(header, pixels) of the next message, as they came; None where none was whole in time. To be written down,
         and read by `unpacked` later. Raises DeviceLost, ProtocolError."""
+        return self._in_time(self._whole, timeout_s)
+
+    def _in_time(self, read: Callable[[float], _Read], timeout_s: float | None) -> _Read | None:
         try:
-            return self._whole(_end_s(timeout_s))
+            return read(_end_s(timeout_s))
         except TimeoutError:
             return None
         except OSError as error:

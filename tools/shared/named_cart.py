@@ -72,6 +72,19 @@ def saying_how_to_start(command: _Command) -> _Command:
     return cast(_Command, saying)
 
 
+def required_config(told: str) -> Callable[[_Command], _Command]:
+    """Adds --config to a command that reads the whole file; passed as config_file. told: its help."""
+    return click.option(
+        "--config",
+        "config_file",
+        required=True,
+        envvar=ENVIRONMENT,
+        show_envvar=True,
+        type=click.Path(dir_okay=False, path_type=Path),
+        help=told,
+    )
+
+
 def folder_argument(command: _Command) -> _Command:
     """Adds --config and FOLDER; the folder of the alarm log is passed as folder."""
     return _config(expose=False)(click.argument("folder", required=False, **_FOLDER)(command))

@@ -4,7 +4,6 @@ import fcntl
 import os
 import signal
 import tempfile
-import threading
 import tomllib
 from collections import Counter
 from collections.abc import Iterator
@@ -18,6 +17,7 @@ from drivers.files.atomic_file import check_kind, check_new, check_replaceable, 
 from drivers.twins.faults import PICTURE_FAULTS
 from drivers.twins.ndi.tracker import NDI_FAULTS
 from tools.shared.configuration_text import Answers, changed, template
+from tools.shared.termination import termination
 from tools.simulators.whole_cart import CartSettings, Event, SimulatedDevices
 
 _BEGINS = "# SIMULATED devices of `probewatch simulate cart`"
@@ -77,9 +77,7 @@ def command(file: Path | None, folder: Path | None, seed: int, unconfigured: boo
         check_replaceable(file, _BEGINS.encode())
     if unconfigured and file is None:
         raise click.UsageError("--unconfigured writes a file: give --write FILE")
-    stop = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, lambda *_: stop.set())
+    stop = termination((signal.SIGINT, signal.SIGTERM, signal.SIGHUP))
     with tempfile.TemporaryDirectory(prefix="probewatch-", ignore_cleanup_errors=True) as temporary:
         place = Path(temporary) if folder is None else _made(folder)
 

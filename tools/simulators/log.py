@@ -1,15 +1,14 @@
 """`probewatch simulate log`: the NDI tracker of a byte log, answering as it did when it was recorded."""
 
 import json
-import signal
 from pathlib import Path
-from threading import Event
 
 import click
 
 from drivers.clock.host_clock import HostClock
 from drivers.io.byte_log import read_log
 from drivers.twins.byte_log_twin import LogTwin
+from tools.shared.termination import termination
 from tools.simulators.ndi import line_options, open_line, url_of
 
 
@@ -27,9 +26,7 @@ def command(log: Path, link: Path | None, port: int | None, rate: float) -> None
     Example:
       probewatch simulate log tracker.log --pty /tmp/polaris
     """
-    stop = Event()
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: stop.set())
+    stop = termination()
     clock = HostClock(rate)
     entries = read_log(log)
     with open_line(link, port, clock) as line:

@@ -1,12 +1,9 @@
 """`probewatch simulate ndi`: a simulated Polaris, Vega or Aurora."""
 
 import json
-import signal
 import time
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from threading import Event
 
 import click
 
@@ -20,14 +17,25 @@ from drivers.twins.ndi.tool_definitions import PROBE, REFERENCE, make_rom
 from drivers.twins.ndi.tracker import NDI_FAULTS, NdiTwin
 from drivers.twins.pty_line import PtyLine, TwinLine
 from drivers.twins.scene.tank import PlaceOfWork
-from drivers.twins.scene.trajectory import PROGRAMS, USUAL_PROGRAM
 from drivers.twins.scene.world import World
 from drivers.twins.tcp_line import TcpLine
-from drivers.twins.tool_motion import PoseAt, pose_file, recorded_motion, world_motion
+from tools.shared.termination import termination
+from tools.simulators.options import (
+    CONTROL,
+    FAULTS_AT,
+    FILE,
+    MOTION_FILES,
+    ORIGIN,
+    PROGRAM,
+    RATE,
+    SEED,
+    Option,
+    motion_of,
+    with_options,
+)
 
-_FILE = click.Path(dir_okay=False, path_type=Path)
 # The bounds of a port number are TCP's.
-_LINES: list[Callable[[click.decorators.FC], click.decorators.FC]] = [
+_LINES: list[Option] = [
     click.option(
         "--pty", "link", type=click.Path(path_type=Path), metavar="LINK", help="path of the pseudo-terminal to serve"
     ),
@@ -35,25 +43,22 @@ _LINES: list[Callable[[click.decorators.FC], click.decorators.FC]] = [
         "--tcp", "port", type=click.IntRange(0, 65535), metavar="PORT", help="TCP port to serve; 0: any free one"
     ),
 ]
-# Bounds: clocks of devices are off by tens of ppm; rates at which a machine can still serve, or a person watch.
-_OPTIONS: list[Callable[[click.decorators.FC], click.decorators.FC]] = [
+# Bounds: clocks of devices are off by tens of ppm.
+_OPTIONS: list[Option] = [
     click.option("--model", "model_name", type=click.Choice(sorted(MODELS)), required=True),
     click.option("--track-hz", type=int, help="measurements per second; the model's usual rate if not given"),
     click.option("--wired", type=click.Choice(WIRED_TOOLS), multiple=True, help="tool on a cable; may be repeated"),
-    click.option("--rom", type=_FILE, help="write the tool definition of a generic probe to this file"),
-    click.option("--reference-rom", type=_FILE, help="write the tool definition of a generic reference to this file"),
+    click.option("--rom", type=FILE, help="write the tool definition of a generic probe to this file"),
+    click.option("--reference-rom", type=FILE, help="write the tool definition of a generic reference to this file"),
     click.option(
-        "--witness-rom", type=_FILE, help="write the tool definition of a second body on the probe to this file"
+        "--witness-rom", type=FILE, help="write the tool definition of a second body on the probe to this file"
     ),
-    click.option(
-        "--poses", type=_FILE, help="CSV of t_s,tool,q0,qx,qy,qz,x_mm,y_mm,z_mm instead of the simulated motion"
-    ),
-    click.option("--recording", type=_FILE, help="PLUS sequence whose poses replace the simulated motion"),
-    click.option("--seed", type=int, default=1, help="random seed of the simulation"),
-    click.option("--program", default=USUAL_PROGRAM, help=f"how the hand moves: {', '.join(PROGRAMS)}"),
-    click.option("--tank", type=_FILE, help="over a cross-wire in water while this file exists"),
-    click.option("--fault", "faults", multiple=True, metavar="NAME[@FROM[..TO]]", help="in seconds; may be repeated"),
-    click.option("--control", type=_FILE, help="JSON list of faults, read again whenever it changes"),
+    *MOTION_FILES,
+    SEED,
+    PROGRAM,
+    click.option("--tank", type=FILE, help="over a cross-wire in water while this file exists"),
+    FAULTS_AT,
+    CONTROL,
     click.option("--freeze-tag", help="firmware name, such as 'AURORA Rev 009'; decides how clients ask for poses"),
     click.option(
         "--skew-ppm",
@@ -61,27 +66,18 @@ _OPTIONS: list[Callable[[click.decorators.FC], click.decorators.FC]] = [
         default=0.0,
         help="rate of the device's clock, relative to true time",
     ),
-    click.option("--rate", type=click.FloatRange(0.01, 100), default=1.0, help="simulated seconds per second"),
-    click.option("--origin-ns", type=int, help="CLOCK_MONOTONIC at simulated time 0; now if not given"),
+    RATE,
+    ORIGIN,
 ]
 
 
-def line_options(function: click.decorators.FC) -> click.decorators.FC:
-    """Where a simulated tracker is served: --pty as `link`, --tcp as `port`."""
-    for option in reversed(_LINES):
-        function = option(function)
-    return function
-
-
-def _with_options(function: click.decorators.FC) -> click.decorators.FC:
-    for option in reversed(_OPTIONS):
-        function = option(function)
-    return function
+line_options = with_options(_LINES)
+"""Where a simulated tracker is served: --pty as `link`, --tcp as `port`."""
 
 
 @click.command("ndi", epilog=f"Faults: {', '.join(NDI_FAULTS)}")
 @line_options
-@_with_options
+@with_options(_OPTIONS)
 def command(
     model_name: str,
     link: Path | None,
@@ -115,13 +111,11 @@ def command(
     clock = HostClock(rate, time.monotonic_ns() if origin_ns is None else origin_ns)
     cables = wired or (("probe", "reference") if model.electromagnetic else ())
     device = CombinedApi(
-        _motion(poses, recording, PlaceOfWork(World(seed, program), tank)), model, track_hz, skew_ppm, cables
+        motion_of(poses, recording, PlaceOfWork(World(seed, program), tank)), model, track_hz, skew_ppm, cables
     )
     given = Schedule(tuple(parse_fault(text, NDI_FAULTS) for text in faults))
     roms = _write_roms(rom, reference_rom, witness_rom)
-    stop = Event()
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: stop.set())
+    stop = termination()
     with open_line(link, port, clock) as line:
         twin = NdiTwin(line, clock, device, FaultControl(NDI_FAULTS, given, control))
         click.echo(json.dumps({"ready": True, "url": url_of(line, link) + roms}))
@@ -136,14 +130,6 @@ def _check_rate(model: Model, track_hz: int | None) -> None:
     if track_hz is not None and track_hz not in model.track_hz:
         rates = ", ".join(map(str, model.track_hz))
         raise ConfigurationError(f"{model.title} does not track at {track_hz} Hz", "--track-hz", f"Use {rates}")
-
-
-def _motion(poses: Path | None, recording: Path | None, world: PlaceOfWork) -> PoseAt:
-    if poses is not None and recording is not None:
-        raise ConfigurationError("a pose file and a recording exclude each other", "--poses, --recording", "Give one")
-    if poses is not None:
-        return pose_file(poses)
-    return world_motion(world) if recording is None else recorded_motion(recording)
 
 
 def _write_roms(probe: Path | None, reference: Path | None, witness: Path | None) -> str:

@@ -1,11 +1,9 @@
 """`probewatch simulate openigtlink`: a simulated OpenIGTLink server, for `igtl://host:port`."""
 
 import json
-import signal
 import time
 from contextlib import suppress
 from pathlib import Path
-from threading import Event
 
 import click
 import cv2
@@ -15,11 +13,10 @@ from drivers.registry import check_options, open_tracker, open_video
 from drivers.twins.fault_control import FaultControl, parse_fault
 from drivers.twins.faults import Schedule
 from drivers.twins.openigtlink import FAULTS, IMAGE_NAME, IgtlTwin, Opener
-from drivers.twins.scene.trajectory import PROGRAMS, USUAL_PROGRAM
 from drivers.twins.scene.world import World
 from drivers.twins.world_sources import WorldTracker, WorldVideo
-
-_FILE = click.Path(dir_okay=False, path_type=Path)
+from tools.shared.termination import termination
+from tools.simulators.options import CONTROL, FAULTS_AT, ORIGIN, PROGRAM, RATE, SEED
 
 
 # Bounds: of the other simulators.
@@ -32,12 +29,12 @@ _FILE = click.Path(dir_okay=False, path_type=Path)
 @click.option(
     "--tracker", "tracker_url", metavar="URL", help="forward the poses of this tracker instead of simulated ones"
 )
-@click.option("--seed", type=int, default=1, help="random seed of the simulation")
-@click.option("--program", default=USUAL_PROGRAM, help=f"how the hand moves: {', '.join(PROGRAMS)}")
-@click.option("--fault", "faults", multiple=True, metavar="NAME[@FROM[..TO]]", help="in seconds; may be repeated")
-@click.option("--control", type=_FILE, help="JSON list of faults, read again whenever it changes")
-@click.option("--rate", type=click.FloatRange(0.01, 100), default=1.0, help="simulated seconds per second")
-@click.option("--origin-ns", type=int, help="CLOCK_MONOTONIC at simulated time 0; now if not given")
+@SEED
+@PROGRAM
+@FAULTS_AT
+@CONTROL
+@RATE
+@ORIGIN
 def command(
     port: int,
     host: str,
@@ -59,9 +56,7 @@ def command(
     Example:
       probewatch simulate openigtlink --tcp 18944
     """
-    stop = Event()
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: stop.set())
+    stop = termination()
     cv2.setNumThreads(1)
     clock = HostClock(rate, time.monotonic_ns() if origin_ns is None else origin_ns)
     sources = (

@@ -1,16 +1,16 @@
 """`probewatch simulate relay`: an LCUS relay board on a pseudo-terminal, for `relay:LINK`."""
 
 import json
-import signal
 import time
 from pathlib import Path
-from threading import Event
 
 import click
 
 from drivers.clock.host_clock import HostClock
 from drivers.twins.pty_line import PtyLine
 from drivers.twins.relay_board import RelayBoard
+from tools.shared.termination import termination
+from tools.simulators.options import ORIGIN, RATE
 
 
 # Bounds: boards of this kind have up to eight relays; those of --rate as for `simulate ndi`.
@@ -18,17 +18,15 @@ from drivers.twins.relay_board import RelayBoard
 @click.option("--pty", "link", type=click.Path(path_type=Path), required=True, metavar="LINK", help="serve it here")
 @click.option("--channels", type=click.IntRange(1, 8), default=1, help="relays on the board [1]")
 @click.option("--mute", is_flag=True, help="send no replies, like the bare LCUS-1")
-@click.option("--rate", type=click.FloatRange(0.01, 100), default=1.0, help="simulated seconds per second")
-@click.option("--origin-ns", type=int, help="CLOCK_MONOTONIC at simulated time 0; now if not given")
+@RATE
+@ORIGIN
 def command(link: Path, channels: int, mute: bool, rate: float, origin_ns: int | None) -> None:
     """Simulate a relay board until SIGTERM; prints one JSON line with its URL when ready, then each change of a relay.
 
     \b
       probewatch simulate relay --pty /tmp/relay
     """
-    stop = Event()
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: stop.set())
+    stop = termination()
     clock = HostClock(rate, time.monotonic_ns() if origin_ns is None else origin_ns)
     with PtyLine(link, clock) as line:
         board = RelayBoard(line, clock, channels, not mute)

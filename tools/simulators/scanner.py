@@ -1,11 +1,9 @@
 """`probewatch simulate scanner`: an ultrasound scanner whose video output is a socket, for `sim:SOCKET`."""
 
 import json
-import signal
 import time
 from contextlib import suppress
 from pathlib import Path
-from threading import Event
 
 import click
 import cv2
@@ -19,13 +17,15 @@ from drivers.twins.scene.surroundings import RIGID, listed
 from drivers.twins.scene.tank import PlaceOfWork
 from drivers.twins.scene.trajectory import PROGRAMS, USUAL_PROGRAM
 from drivers.twins.scene.world import SCENES, World, WorldSettings
+from tools.shared.termination import termination
+from tools.simulators.options import ORIGIN, RATE, SEED
 
 
 # Bounds of --rate: those of `simulate ndi`. Of --fps: from a slow sweep to what no scanner of the field exceeds.
 @click.command("scanner", epilog=f"Faults: {', '.join(PICTURE_FAULTS)}")
 @click.option("--socket", type=click.Path(path_type=Path), required=True, help="Unix socket to serve")
 @click.option("--fps", type=click.FloatRange(0.1, 1000), default=30.0, help="pictures per simulated second [30]")
-@click.option("--seed", type=int, default=1, help="random seed of the simulation")
+@SEED
 @click.option(
     "--program",
     type=click.Choice(list(PROGRAMS)),
@@ -39,8 +39,8 @@ from drivers.twins.scene.world import SCENES, World, WorldSettings
     "--control", type=click.Path(dir_okay=False, path_type=Path), help="JSON list of faults, read again when it changes"
 )
 @click.option("--tank", type=click.Path(path_type=Path), help="over a cross-wire in water while this file exists")
-@click.option("--rate", type=click.FloatRange(0.01, 100), default=1.0, help="simulated seconds per second")
-@click.option("--origin-ns", type=int, help="CLOCK_MONOTONIC at simulated time 0; now if not given")
+@RATE
+@ORIGIN
 def command(
     socket: Path,
     fps: float,
@@ -59,9 +59,7 @@ def command(
     Example:
       probewatch simulate scanner --socket /tmp/scanner
     """
-    stop = Event()
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: stop.set())
+    stop = termination()
     cv2.setNumThreads(1)
     world = _world(seed, program, scene, WorldSettings(fps=fps), tissue)
     world.frame(0.0, 0)

@@ -2,7 +2,6 @@
 
 import json
 import random
-import signal
 import socket
 import struct
 from contextlib import suppress
@@ -264,11 +263,8 @@ class OptotrakTwin(ListeningTwin[_Client]):
         print(json.dumps({"t_ns": self._clock.now_ns(), what: value}), flush=True)
 
 
-def serve(address: tuple[str, int], clock: HostClock, device: Device, faults: FaultControl) -> None:
-    """Say when it is ready, then serve until SIGTERM or SIGINT. Raises ConfigurationError for a port in use."""
-    stop = Event()
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: stop.set())
+def serve(address: tuple[str, int], clock: HostClock, device: Device, faults: FaultControl, stop: Event) -> None:
+    """Says when it is ready, then serves until stop is set. Raises ConfigurationError for a port in use."""
     # A parent that no longer reads the events shall not be answered with a traceback.
     with suppress(BrokenPipeError), OptotrakTwin(address, clock, device, faults) as twin:
         host, port = twin.address
