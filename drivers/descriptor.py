@@ -175,7 +175,7 @@ class Given:
         return float(self._rows[name].default) if number is None else number
 
     def number_or_none(self, name: str) -> float | None:
-        """None where it is not given, whatever the row says of that."""
+        """Returns the number; None where it is not given, whatever the default of the row is."""
         text, row = self.text(name), self._rows[name]
         if text is None:
             return None
@@ -194,7 +194,7 @@ class Given:
         return int(self._rows[name].default) if number is None else number
 
     def integer_or_none(self, name: str) -> int | None:
-        """None where it is not given, whatever the row says of that."""
+        """Returns the whole number; None where it is not given, whatever the default of the row is."""
         text, row = self.text(name), self._rows[name]
         if text is None:
             return None
@@ -209,7 +209,7 @@ class Given:
         return self._rows[name].default if word is None else word
 
     def word_or_none(self, name: str) -> str | None:
-        """None where it is not given, whatever the row says of that."""
+        """Returns the word; None where it is not given, whatever the default of the row is."""
         text, words = self.text(name), self._rows[name].words
         if text is None:
             return None

@@ -34,8 +34,8 @@ def drivers() -> dict[str, Driver]:
 
 
 def is_simulated(url: str) -> bool:
-    """Whether a source is a simulation or a recording, and no device that is there now; a server cannot be looked
-    through, so its URL says it.
+    """Whether a source is a simulation or a recording, and no device that is there now; what a server forwards is not
+    known here, so its URL states it.
     """
     driver = drivers().get(url.partition(":")[0])
     options = dict(_pairs(url.partition("?")[2]))

@@ -13,9 +13,7 @@ from tools.shared.plain_text import speak_plainly
 from tools.shared.terminal import guard_terminal
 
 _REFUSED = {
-    **dict.fromkeys(
-        (errno.EACCES, errno.EPERM), "Check its rights and those of its folder, or be the user whose it is"
-    ),
+    **dict.fromkeys((errno.EACCES, errno.EPERM), "Check its permissions and those of its folder, or be its owner"),
     errno.EROFS: "Name a file on a disk that may be written to",
     **dict.fromkeys((errno.ENOSPC, errno.EDQUOT), "Make room on its disk, or name a file on another one"),
     **dict.fromkeys((errno.EIO, errno.ESTALE), "Check its disk or its network"),

@@ -363,7 +363,9 @@ def configuration_text(path: Path) -> str:
     except OSError as error:
         what = f"cannot be read ({error.strerror})"
         absent = isinstance(error, FileNotFoundError)
-        remedy = f"Correct its name, or write it: probewatch configure {path}" if absent else "Check the path's rights"
+        remedy = (
+            f"Correct its name, or write it: probewatch configure {path}" if absent else "Check the path's permissions"
+        )
         raise ConfigurationError(what, str(path), remedy) from None
     except NotUtf8Error as error:
         raise ConfigurationError(str(error), str(path), SAVE_AS_UTF_8) from None

@@ -46,7 +46,8 @@ def reconstructed_mm(calibration: Calibration, views: Sequence[View]) -> Vector:
 
 
 def check_point(calibration: Calibration, views: Sequence[View], known_mm: Vector | None = None) -> PointCheck:
-    """views: of a crossing that the calibration was not made of. known_mm: (3,) where it is, tracker axes, if known.
+    """Measures how far a calibration puts the views of one point apart. views: of a crossing that the calibration was
+    not made of. known_mm: (3,) where it is, tracker axes, if known.
 
     Raises ScanRefused where it was seen from fewer than three sides.
     """

@@ -63,7 +63,9 @@ def coverage(
     solution: WholeSolution | None = None,
     wanted: Vector | None = None,
 ) -> Coverage:
-    """solution: of these views, as far as there is one. wanted: (8,) standard deviations asked of its parameters."""
+    """Measures how the views cover the tilts, and names the next motion. solution: of these views, as far as there is
+    one. wanted: (8,) standard deviations asked of its parameters.
+    """
     rotation = np.eye(3) if solution is None else solution.calibration.rotation
     angles = np.zeros((0, 3))
     turns = np.array([rotation @ view.matrix[:3, :3].T for view in views]).reshape(-1, 3, 3)

@@ -81,7 +81,7 @@ class BottomLine:
         return np.where(across, middle, np.nan)
 
     def latency(self) -> Latency | None:
-        """None where the line or the motion does not show it."""
+        """Returns the tracker's latency; None where the line or the motion does not show it."""
         depth = self.depth_px()
         seen = np.isfinite(depth)
         if seen.sum() < _LEAST_PICTURES or len(self._pose_ns) < _LEAST_PICTURES:

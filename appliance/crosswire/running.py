@@ -115,7 +115,7 @@ class Running:
 
     @property
     def zeta_mm(self) -> float:
-        """NaN without solution."""
+        """The elevational offset; NaN without a solution."""
         return np.nan if self.whole is None else float(self.whole.calibration.offset_mm[2])
 
     @property

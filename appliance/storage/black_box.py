@@ -154,8 +154,8 @@ class BlackBoxWriter:
         self.put(begun, begun.t_ns)
 
     def put(self, item: Item, now_ns: int) -> bool:
-        """now_ns: CLOCK_MONOTONIC at which it is written. Whether a chunk was ended, so that there is something to
-        sync.
+        """Writes a message. now_ns: CLOCK_MONOTONIC at which it is written. Returns whether a chunk was ended, so that
+        there is something to sync.
         """
         due = now_ns - self._chunk_ns >= CHUNK_NS
         if due:

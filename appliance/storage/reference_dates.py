@@ -59,7 +59,9 @@ class Dates:
 
 
 def dates_of(entry: Entry, content: bytes, due_days: int | None) -> Dates:
-    """content: of the reference's file. due_days: of the configuration. What comes first of both is when it is due."""
+    """Returns when the reference was made and is due. content: of the reference's file. due_days: of the configuration.
+    The earlier of both dates is when it is due.
+    """
     stated = provenance_of(content)
     ends: dict[str, datetime | None] = {}
     damages = []

@@ -99,8 +99,10 @@ def sha256_of(content: bytes) -> str:
 
 
 def read_history(folder: Path) -> History | None:
-    """folder: of the alarm log. None where no reference was ever kept. Raises ConfigurationError for a store that is
-    damaged or cannot be read, the content of the reference in force included.
+    """Returns the references that were ever in force; None where there was none. folder: of the alarm log.
+
+    Raises ConfigurationError for a store that is damaged or cannot be read, the content of the reference in force
+    included.
     """
     place = folder / FOLDER
     try:
@@ -110,7 +112,7 @@ def read_history(folder: Path) -> History | None:
         history = _parsed(stored, place / HISTORY)
     except OSError as error:
         what = f"the history of references cannot be read ({error.strerror})"
-        raise ConfigurationError(what, str(error.filename or place), "Check the disk and the rights") from None
+        raise ConfigurationError(what, str(error.filename or place), "Check the disk and the permissions") from None
     if history.in_force is not None:
         content_of(folder, history.in_force)
     return history
@@ -162,7 +164,7 @@ def set_aside(folder: Path) -> Path | None:
 
 
 def _history_bytes(place: Path) -> bytes | None:
-    """None for a folder in which nothing was ever kept. Raises OSError, ConfigurationError."""
+    """Returns the stored history; None for a folder that never held one. Raises OSError, ConfigurationError."""
     try:
         with (place / HISTORY).open("rb") as stream:
             stored = stream.read(_MAX_HISTORY_BYTES + 1)

@@ -78,7 +78,9 @@ def xml_of(data: bytes) -> ET.Element:
 
 
 def _check_nesting(text: str) -> None:
-    """text: without strings and comments, in which dots and brackets mean nothing."""
+    """Refuses tables that are nested too deep. text: without strings and comments, in which dots and brackets mean
+    nothing.
+    """
     if _LONG_KEY.search(text):
         raise ValueError(f"a key of more than {_MOST_PARTS} parts")
     depth = 0

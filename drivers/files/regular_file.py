@@ -19,7 +19,7 @@ _KINDS = {
 
 
 def refuse_irregular(path: Path) -> None:
-    """Nothing happens where there is a regular file, or nothing yet; a link counts as what it leads to.
+    """Refuses what is there and is no regular file; a link counts as what it leads to.
 
     Raises OSError.
     """

@@ -134,7 +134,7 @@ def _names(folder: Path, pattern: re.Pattern[str]) -> list[str]:
 
 
 def _entries(folder: Path) -> list[Path]:
-    """Empty for a folder that is absent, or closed to this user."""
+    """Returns what is in the folder; nothing where it is absent, or this user may not read it."""
     try:
         return sorted(folder.iterdir())
     except OSError:

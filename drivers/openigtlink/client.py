@@ -128,7 +128,9 @@ class IgtlClient:
             self.send("GET_STATUS")
 
     def _fill(self, until_ns: int) -> bool:
-        """False when nothing came until then, or until the server is to be asked or given up."""
+        """Receives what arrives next. Returns False where nothing came until then, or until it is time to ask the
+        server or to call it lost.
+        """
         now_ns = self._clock.now_ns()
         timeout_ns = self._deadline_ns * (1.0 if self._asked else _ASK_AFTER)
         wake_ns = min(until_ns, self._heard_ns + round(timeout_ns))

@@ -45,7 +45,9 @@ class SenderTime:
             self._ticks.take(time_ns)
 
     def stamp(self, time_ns: int, arrival_ns: int) -> Stamp:
-        """time_ns: of the sender, 0 where it sends none. arrival_ns: of the first byte of the message."""
+        """Returns the stamp of a message. time_ns: of the sender, 0 where it sends none. arrival_ns: of the first byte
+        of the message.
+        """
         if time_ns == 0:
             self.untimed += 1
             found = Stamp(arrival_ns, _UNTIMED_ERR_NS)

@@ -111,7 +111,7 @@ class ToneOutput(Closable):
         self._feed((samples * 32767).astype("<i2").tobytes())
 
     def read_back(self) -> bool | None:
-        """None: a loudspeaker reports nothing."""
+        """Returns None, because a loudspeaker reports nothing."""
         return None
 
     def _block(self, count: int, sounding: bool) -> NDArray[np.float64]:

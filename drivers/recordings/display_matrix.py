@@ -32,7 +32,9 @@ def is_mirrored(path: Path) -> bool:
 
 
 def _mirrors(content: mmap.mmap, start: int) -> bool:
-    """False for what only looks like a track header, as among the pictures."""
+    """Whether the display matrix of the track header there mirrors; False where it is no track header, as among the
+    pictures.
+    """
     to_matrix = _TO_MATRIX.get(content[start]) if start < len(content) else None
     if to_matrix is None or start + to_matrix + 36 > len(content):
         return False

@@ -156,7 +156,7 @@ class Film:
             what = f"counts {counted} pictures, none of which can be decoded here (codec {codec.strip()})"
             raise RecordingError(what, str(self.path), f"Convert it: ffmpeg -i {self.path.name} -c:v ffv1 new.mkv")
         if not times_ns:
-            raise RecordingError("holds no pictures", str(self.path), "Is it cut? Copy it again")
+            raise RecordingError("holds no pictures", str(self.path), "It may be cut short: copy it again")
         if seen.alike and len(times_ns) > 1:
             what = f"gives one and the same picture {len(times_ns)} times: it is interlaced, or was frozen throughout"
             remedy = f"Make interlaced pictures whole: ffmpeg -i {self.path.name} -vf yadif -c:v ffv1 new.mkv"
@@ -166,7 +166,7 @@ class Film:
                 f"has pixels of {deep_bits} bits, none of which comes to a quarter of white, as of 12 bits stored in 16"
             )
             raise RecordingError(
-                what, str(self.path), "Spread all pictures alike over 8 bits of grey, and store them anew"
+                what, str(self.path), "Rescale all pictures alike to 8 bits of grey, and save them again"
             )
         first_ns = times_ns[0]
         is_whole = times_ns[-1] - first_ns >= _COMPLETE * lasts_s * 1e9
@@ -236,7 +236,9 @@ class PoseTable:
                 what = f"line {line} has {len(cells)} values, and there are {len(names)} headings"
                 raise RecordingError(what, str(path), "Write numbers with points, and texts with commas in quotes")
         if not rows:
-            raise RecordingError("has headings and no line of values", str(path), "Is it cut? Export it again")
+            raise RecordingError(
+                "has headings and no line of values", str(path), "It may be cut short: export it again"
+            )
         if said := _never_good([cells[names.index("status")] for _, cells in rows if _has_status(names, cells)]):
             raise RecordingError(said, str(path), "Write ok where the tracker saw the tool, or leave the column out")
         self._lines = [line for line, _ in rows]

@@ -102,8 +102,8 @@ def are_matrix(words: Sequence[str]) -> bool:
 
 
 def refuse_foreign(head: bytes, path: Path) -> None:
-    """head: the first HEAD_BYTES. Raises RecordingError for a kind that is known and is no MetaImage, for an
-    empty file, and for one whose first line is none of a header.
+    """Refuses a file that is no recording. head: the first HEAD_BYTES. Raises RecordingError for a kind that is known
+    and is no MetaImage, for an empty file, and for one whose first line is none of a header.
     """
     if not head:
         raise RecordingError("is empty", str(path), "Copy it again")

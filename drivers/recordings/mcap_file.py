@@ -70,7 +70,7 @@ class McapWriter:
         self._channels = {topic: self._channel(topic, schema) for topic, schema in schemas.items()}
 
     def put(self, topic: str, t_ns: int, fields: Mapping[str, Any]) -> None:
-        """t_ns: >= 0. Raises ValueError for a number that JSON cannot hold."""
+        """Writes a message. t_ns: >= 0. Raises ValueError for a number that JSON cannot hold."""
         data = json.dumps(fields, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
         self._writer.add_message(self._channels[topic], t_ns, data.encode(errors="replace"), t_ns)
 
@@ -178,7 +178,7 @@ class McapReader:
                 self.damage.append(f"a message of {self._channels.get(record.channel_id, '?')} is not a JSON object")
 
     def _check_summary(self, stream: BinaryIO) -> None:
-        """Nothing here reads the summary, but other programs do."""
+        """Checks the summary for the sake of other programs; this one does not read it."""
         rest = stream.read(_MOST_CHUNK_BYTES)
         footer = rest[-_FOOTER.size :]
         if len(footer) < _FOOTER.size:

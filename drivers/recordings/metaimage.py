@@ -117,7 +117,7 @@ class MetaImage:
         return _integer(self.path, key, text)
 
     def image_ok(self, index: int) -> bool:
-        """False where the recorder marked the picture as invalid."""
+        """Whether the recorder has not marked the picture as invalid."""
         return self.frames[index].get(IMAGE_STATUS, "OK").upper() == "OK"
 
     def transform(self, index: int, name: str) -> TransformReading:

@@ -77,7 +77,7 @@ class Episode:
     to_s: float | None = None
 
     def covers(self, t_s: float) -> bool:
-        """True while the fault is on at t_s."""
+        """Whether the fault is on at t_s."""
         return self.from_s <= t_s and (self.to_s is None or t_s < self.to_s)
 
 

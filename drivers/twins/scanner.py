@@ -69,7 +69,9 @@ class VideoPlug(Closable):
         self._door = self._viewer = None
 
     def send(self, frame: bytes) -> bool:
-        """False when there is no viewer. A viewer that does not take a frame within half a second is dropped."""
+        """Sends a frame. Returns False where there is no viewer; one that does not take a frame within half a second is
+        dropped.
+        """
         while self._viewer is not None or self._accept():
             assert self._viewer is not None
             try:
@@ -107,7 +109,9 @@ class Scanner:
 
     @property
     def account(self) -> dict[str, int]:
-        """sent: frames that a viewer took. skipped: numbers between the first and the last of them that none took."""
+        """How many frames were sent. sent: frames that a viewer took. skipped: numbers between the first and the last
+        of them that none took.
+        """
         spanned = 0 if self._first is None else self._last - self._first + 1
         return {"sent": self._sent, "skipped": spanned - self._sent}
 

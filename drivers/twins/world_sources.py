@@ -30,7 +30,7 @@ class _Paced(Closable, Generic[_S], ABC):
         self._made: _S | None = None
 
     def close(self) -> None:
-        """Nothing is open."""
+        """Does nothing, because nothing is open."""
 
     @abstractmethod
     def _make(self, number: int, t_s: float, stamp: Stamp) -> _S:

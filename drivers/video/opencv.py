@@ -162,7 +162,7 @@ class OpenCvVideo(Closable):
             number += 1
 
     def _wait_until(self, due_ns: int) -> bool:
-        """False when it is closed meanwhile."""
+        """Waits until due_ns. Returns False where the source was closed meanwhile."""
         clock = self._times.clock
         return not self._closing.wait(max(0.0, clock.real_s((due_ns - clock.now_ns()) / 1e9)))
 

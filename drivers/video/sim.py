@@ -86,7 +86,7 @@ def pack_frame(sequence: int, t_ns: int, err_ns: int, image: GreyImage) -> bytes
 
 
 def open_video(target: str, options: dict[str, str], clock: HostClock) -> "SimVideo":
-    """target: path of the socket. See drivers.registry for what is raised."""
+    """Connects to a simulated scanner; see drivers.registry for what is raised. target: path of the socket."""
     where = checked(target, options)
     line = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     line.settimeout(_CONNECT_S)
@@ -146,7 +146,7 @@ class SimVideo(Closable):
         return Frame(stamp, header.sequence, pixels.reshape(header.height_px, header.width_px))
 
     def _receive(self, timeout_s: float) -> bool:
-        """False when nothing came."""
+        """Receives bytes. Returns False where none came."""
         self._line.settimeout(timeout_s)
         try:
             data = self._line.recv(_CHUNK_BYTES)

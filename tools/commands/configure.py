@@ -167,7 +167,7 @@ def _refuse_unwritable(file: Path) -> None:
             raise ConfigurationError("may not be read", str(file), "")
     except ConfigurationError as error:
         remedy = error.remedy if os.geteuid() == 0 else "Put sudo before the command, or name another file"
-        raise ConfigurationError(error.what, str(file), remedy or "Check the path and its rights") from None
+        raise ConfigurationError(error.what, str(file), remedy or "Check the path and its permissions") from None
 
 
 def _known(text: str, file: Path) -> Config:

@@ -118,7 +118,7 @@ def _once_each(files: list[Path]) -> tuple[LearnedFrom, ...]:
         digest = file_sha256(file)
         if digest in known:
             what = f"is the same recording as {known[digest]}"
-            raise RecordingError(what, str(file), "Name each once: it teaches nothing twice")
+            raise RecordingError(what, str(file), "Name each recording once: a copy adds no evidence")
         known[digest] = file
     return tuple(LearnedFrom(file=file.name, sha256=digest) for digest, file in known.items())
 

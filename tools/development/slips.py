@@ -233,7 +233,7 @@ def tried(replay: Replay, way: str, size: float, lasting_s: float) -> Seen:
 
 
 def quiet(replay: Replay) -> Quiet:
-    """Nothing slips, under several noises of the tracker."""
+    """Counts false alarms of a session without a slip, under several noises of the tracker."""
     session, faults, doubts = replay.session, 0, 0
     for seed in range(_DRAWS):
         told = list(replay.run(0.0, session.duration_s, None, seed))

@@ -147,4 +147,4 @@ class _Handler(BaseHTTPRequestHandler):
         self.wfile.write(body)
 
     def log_message(self, format: str, *arguments: Any) -> None:
-        """Nothing: each scrape would be a line of the journal."""
+        """Logs nothing: each scrape would be a line of the journal."""

@@ -61,7 +61,9 @@ Say = Callable[[str], None]
 
 @dataclass(frozen=True, slots=True)
 class Broker:
-    """Where and as whom. tls: None for a connection in the clear. password: None for a user without one."""
+    """Address of the broker, and the account there. tls: None for an unencrypted connection. password: None for a user
+    without one.
+    """
 
     host: str
     port: int
@@ -104,7 +106,7 @@ def _password(file: Path) -> str:
         password = file.read_text().split("\n")[0]
     except OSError as error:
         raise ConfigurationError(
-            f"cannot be read ({error.strerror})", str(file), "Check the path and its rights"
+            f"cannot be read ({error.strerror})", str(file), "Check the path and its permissions"
         ) from None
     except UnicodeDecodeError:
         raise ConfigurationError("is not text", str(file), "Write the password into its first line") from None

@@ -18,7 +18,7 @@ this must be less, so that it hears that the service is away.
 
 
 def read_status(socket: Path) -> Status | None:
-    """None where no service answers within TIMEOUT_S, or what answers is none."""
+    """Returns the status; None where no service answers within TIMEOUT_S, or the answer is no status."""
     try:
         with ControlClient(socket, TIMEOUT_S) as client:
             return client.status()
@@ -45,7 +45,7 @@ class Exposition(Collector):
             return self._found
 
     def describe(self) -> list[Metric]:
-        """Nothing is asked when it is registered."""
+        """Returns no metrics, so that the service is not asked when this is registered."""
         return []
 
     def text(self) -> bytes:

@@ -49,8 +49,8 @@ _CALIBRATIONS = {TRANSFORM_NAME: "no calibration is in force", ESTIMATE_NAME: "m
 
 
 def answer_to(message: Message, seen: Seen, utc_ns: int, names: Names) -> Message | None:
-    """None for what asks nothing, such as data that a client sends. names: of what is passed through, for which it asks
-    elsewhere (`Asked`). utc_ns: see wording.
+    """Returns the answer; None for a message that asks nothing, such as data that a client sends. names: of pictures
+    and poses, for which a client asks through `Asked`. utc_ns: see wording.
     """
     version = min(message.version, 2)
     answers: dict[str, Callable[[], Message | None]] = {

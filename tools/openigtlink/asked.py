@@ -45,7 +45,9 @@ class Asked:
         return command in ("GET", "STT", "STP") and what in _KINDS
 
     def answer(self, message: Message, has_place: bool, now_s: float) -> Message | None:
-        """None where what was asked for is the answer. has_place: whether it may be shown pictures."""
+        """Returns the answer; None where the data that were asked for are the answer. has_place: whether the client may
+        be sent pictures.
+        """
         command, _, what = message.kind.partition("_")
         kind = _KINDS[what]
         named = message.device in ("", self.names.image if kind == "IMAGE" else self.names.pose)

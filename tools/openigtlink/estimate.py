@@ -18,8 +18,8 @@ class Estimate(NamedTuple):
 
 
 def estimate_of(status: dict[str, Any]) -> Estimate | None:
-    """None while there is no reference, while nothing is measured, and while the picture is mirrored against the
-    reference: what is measured then is no change of it.
+    """Returns the estimate of the calibration; None while there is no reference, while nothing is measured, and while
+    the picture is mirrored against the reference, because the estimate is no change of it then.
     """
     reference = status["reference"]
     checks = {check["name"]: check for check in status["checks"]}

@@ -99,7 +99,7 @@ class _Client:
         return found
 
     def _take(self, found: list[Message]) -> bool:
-        """False when there is none left."""
+        """Takes the next whole message. Returns False where there is none."""
         try:
             arrived = self.stream.take()
         except ProtocolError as error:
@@ -114,7 +114,7 @@ class _Client:
         return True
 
     def put(self, message: Message) -> None:
-        """Raises OSError for a client that does not read."""
+        """Queues a message. Raises OSError for a client that does not read."""
         if not self.unsent:
             self.moved_s = time.monotonic()
         self.unsent += encode(message)
@@ -122,7 +122,7 @@ class _Client:
             raise ConnectionAbortedError
 
     def put_sample(self, kind: str, data: bytes) -> None:
-        """Nothing where too much waits already: a picture waits for nothing else."""
+        """Queues a sample; drops it where too much waits already, a picture where anything does."""
         if len(self.unsent) > (0 if kind == "IMAGE" else _MOST_UNSENT):
             return
         if kind == "IMAGE" and not self._picture_bytes:

@@ -72,7 +72,7 @@ class Connection(H11Protocol):
         self._make_room()
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Nothing is waited for any more."""
+        """Ends the deadline and what still runs for this connection."""
         self._end_deadline()
         if self._turn is not None:
             self._turn.cancel()

@@ -57,7 +57,9 @@ class Pictures(Threaded):
         self._thread.join(2 * _LOOKED_AT_S)
 
     def newest(self, looked_ns: int | None = None) -> Picture | None:
-        """None while there is none; looked_ns: none that is newer. Asking keeps them coming."""
+        """Returns the newest picture, None while there is none, and has the feed go on. looked_ns: time that it must
+        not be after.
+        """
         self._wanted_s = time.monotonic()
         self._wanted.set()
         known = tuple(self._last)

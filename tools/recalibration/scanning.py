@@ -148,7 +148,7 @@ class Scanned:
         self.check = CheckStep(1e3 * (stated_s + self.state.whole.latency_s), self.scale_mm_per_px, known_mm)
 
     def checked(self) -> dict[str, Any] | None:
-        """How the other point lies by what the views give now; None where it was not looked at."""
+        """How far the calibration of these views is off at the second crossing; None where that was not scanned."""
         state = self.state
         if self.check is None or state is None or state.whole is None or self.refusals():
             return None

@@ -166,7 +166,7 @@ class ScanSession(Threaded):
             return known[index] if 0 <= index < len(known) else None
 
     def begin(self, begin: Begin) -> None:
-        """Ask the service to recalibrate, and scan. Raises ConfigurationError where no file could be written."""
+        """Has the service recalibrate, and begins the scan. Raises ConfigurationError where no file can be written."""
         with self._lock:
             if self._phase in _OPEN:
                 who = "" if self._begin is None else self._begin.technician
@@ -187,7 +187,7 @@ class ScanSession(Threaded):
         self._changed.set()
 
     def take_latency(self, measured: bool) -> None:
-        """The latency is as it was measured, or is left to the scan; then that begins."""
+        """Ends the measurement of the latency and begins the scan. measured: whether the measured latency is used."""
         with self._lock:
             self._require(Phase.LATENCY)
             found = None if self._latency is None else self._latency.found
@@ -200,7 +200,7 @@ class ScanSession(Threaded):
         self._changed.set()
 
     def check(self, known_mm: tuple[float, float, float] | None = None) -> None:
-        """Look at a crossing elsewhere. known_mm: where it is, tracker axes, if a pointer has found it."""
+        """Begins the check at another crossing. known_mm: where it is, tracker axes, if a pointer has measured it."""
         with self._lock:
             self._require(Phase.REVIEW)
             if known_mm is not None and not all(abs(value) < _FARTHEST_MM for value in known_mm):
@@ -213,7 +213,7 @@ class ScanSession(Threaded):
         self._changed.set()
 
     def end_check(self) -> None:
-        """Back to the review, with what was found."""
+        """Ends the check, and returns to the review."""
         with self._lock:
             self._require(Phase.CHECKING)
             assert self._scanned is not None
@@ -224,7 +224,7 @@ class ScanSession(Threaded):
         self._changed.set()
 
     def finish(self) -> None:
-        """The scan is over: look at it."""
+        """Ends the scan, and begins the review."""
         with self._lock:
             self._require(Phase.SCANNING)
             if self._scanned is None or self._scanned.running is None:
@@ -235,7 +235,7 @@ class ScanSession(Threaded):
             self._solve()
 
     def resume(self) -> None:
-        """Scan on: what there is stays."""
+        """Goes on with the scan; its views are kept."""
         with self._lock:
             self._require(Phase.REVIEW)
             self._service.hold(self._watch.seen(), wanted=True)
@@ -265,7 +265,9 @@ class ScanSession(Threaded):
         sign_off(self._begin, signed(Signature(name, "–"))).check()
 
     def accept(self, signature: Signature) -> None:
-        """Write it, give it to the service, and have that prove it. Raises Asked for a difference to be accepted."""
+        """Writes the calibration, gives it to the service, and waits until the service has verified it. Raises Asked
+        for a difference that must be accepted.
+        """
         signature = signed(signature)
         with self._lock:
             self._require(Phase.REVIEW)
@@ -289,14 +291,14 @@ class ScanSession(Threaded):
         self._changed.set()
 
     def reject(self, why: str = "") -> None:
-        """Give it up: the calibration before stays in force."""
+        """Ends the recalibration; the calibration in force stays."""
         with self._lock:
             if self._phase not in _OPEN:
                 raise ControlRefused("nothing is being recalibrated", "recalibration", "Begin one")
             self._abort(f"rejected{': ' if why else ''}{printable(why, LONGEST_WORDS)}")
 
     def dismiss(self) -> None:
-        """Back to the beginning, from what has ended."""
+        """Returns from a recalibration that has ended to the beginning."""
         with self._lock:
             if self._phase in (Phase.DONE, Phase.ENDED):
                 self._phase, self._scanned, self._begin, self._fields = Phase.IDLE, None, None, {}
@@ -374,7 +376,7 @@ class ScanSession(Threaded):
         self._solve()
 
     def _look(self) -> None:
-        """Look at the service: hold it, or see what has become of it."""
+        """Renews the hold on the service; after it, looks at what the service says of the new calibration."""
         seen = self._watch.seen()
         with self._lock:
             if self._phase in _HELD:

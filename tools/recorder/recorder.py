@@ -106,7 +106,9 @@ class Recorder:
         self._alarmed = alarmed
 
     def mark(self, kind: str, reason: str, now_ns: int) -> None:
-        """kind: "start" or "stop" of a stretch that a person wants kept. Raises ValueError where it is neither time."""
+        """Marks a stretch that a person wants kept. kind: "start" or "stop" of it. Raises ValueError for the start of
+        one that is kept already, and the end of one that is not.
+        """
         if (kind == "start") == (self._marked_ns is not None):
             raise ValueError("a stretch is being kept already" if kind == "start" else "nothing was started")
         self._put(Mark(kind, reason), now_ns)
@@ -171,7 +173,7 @@ class Recorder:
             self._say(f"what is to be kept could not be moved: {error.strerror}")
 
     def _put(self, item: Item, now_ns: int) -> None:
-        """Nothing that the disk does comes further than here."""
+        """Writes the item, and handles every error of the disk."""
         if self.failing is not None and now_ns < self._retry_ns:
             self._miss()
             return

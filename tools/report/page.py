@@ -67,7 +67,7 @@ def text(words: str, kind: str = "") -> str:
 
 
 def table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """A cell that begins with "!" ought not to be; one with "+" is as it should be."""
+    """Returns a table. A cell that begins with "!" is marked as wrong, one with "+" as right."""
     head = "".join(f"<th scope=col>{html.escape(one)}</th>" for one in heads)
     body = "".join("<tr>" + "".join(map(_cell, row)) + "</tr>" for row in rows)
     return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"

@@ -26,7 +26,7 @@ def check_pdf(path: Path | None) -> None:
 
 
 def write_pdf(page: Path, path: Path) -> None:
-    """page: HTML. Raises ConfigurationError where it cannot be printed or written."""
+    """Prints a page into a PDF. page: HTML. Raises ConfigurationError where it cannot be printed or written."""
     browser = _browser()
     assert browser is not None
     with tempfile.TemporaryDirectory(prefix="probewatch-pdf-") as folder:

@@ -162,7 +162,7 @@ def summary(
     now: datetime,
     history: Sequence[Reference] = (),
 ) -> Summary:
-    """now: the present; what lies after it is not counted."""
+    """Sums up the period. now: the present; what lies after it is not counted."""
     found = Summary(wanted, now, by_part=[defaultdict(float) for _ in range(wanted.parts)])
     end = found.until
     spells = list(_spells(reading.entries, end))

@@ -45,7 +45,7 @@ _STACK = (
 def write_period_page(
     path: Path, cart: str, found: Summary, dates: Dates | None, test_faults: Sequence[str], chosen: str
 ) -> None:
-    """dates: of the calibration in force, None without one. test_faults: of the records of
+    """Writes the page of a period. dates: of the calibration in force, None without one. test_faults: of the records of
     self-tests. chosen: which period it is of, and why.
 
     Raises ConfigurationError where it cannot be written.
@@ -126,7 +126,7 @@ def _utc_minute(said: str) -> str:
 
 
 def _good(found: Summary) -> str:
-    """Nothing is as it should be by the word of a log that is damaged."""
+    """Returns the class of a good figure; none where the log is damaged, because its figures prove nothing."""
     return "" if found.damages or found.chains else "good"
 
 

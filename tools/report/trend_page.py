@@ -16,7 +16,9 @@ def write_trend_page(
     headings: Sequence[str],
     rows: Sequence[Sequence[str]],
 ) -> None:
-    """units: of each parameter; rows: as the command prints them. Raises ConfigurationError for a bad path."""
+    """Writes the page of trends. units: of each parameter; rows: as the command prints them. Raises ConfigurationError
+    for a bad path.
+    """
     parts = [
         f"<h1>Trend under reference {reference if reference is not None else '–'}</h1>",
         text("Line: weighted mean. Band: its control limits. Dashed: the limit of the check.", "note"),

@@ -202,7 +202,9 @@ def _time(name: str, found: TimeQuality, silence_ms: float) -> list[Item]:
 
 
 def _regularity(name: str, found: TimeQuality, silence_ms: float) -> list[Item]:
-    """Nothing where the device's counter stood still, against which the scatter is measured, and no pause was long."""
+    """Returns how regular the samples are; nothing where the device's counter stood still, against which the scatter is
+    measured, and no pause was long.
+    """
     known, short = np.isfinite(found.jitter_ms), found.longest_ms <= silence_ms
     if not known and short:
         return []

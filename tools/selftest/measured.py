@@ -25,7 +25,9 @@ class Measured:
 
 
 def measured(feed: Path, seconds: float, progress: Callable[[float], None]) -> Measured:
-    """progress: is called with the share that is over. Raises DeviceLost, ProtocolError."""
+    """Reads the feed for some seconds. progress: is called with the share that is over. Raises DeviceLost,
+    ProtocolError.
+    """
     found, began_s = Measured(), time.monotonic()
     with Feed(feed) as link:
         while (over_s := time.monotonic() - began_s) < seconds:

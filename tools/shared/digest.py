@@ -60,4 +60,4 @@ def with_pictures(path: Path) -> tuple[Path, ...]:
 
 
 def _unreadable(path: Path, error: OSError) -> RecordingError:
-    return RecordingError(f"cannot be read: {error.strerror}", str(path), "Check the path and its rights")
+    return RecordingError(f"cannot be read: {error.strerror}", str(path), "Check the path and its permissions")

@@ -92,8 +92,8 @@ class Feed(Closable):
         return message
 
     def _whole(self, end_s: float) -> tuple[bytes, bytes]:
-        """end_s: by time.monotonic, of the whole message. Raises OSError, TimeoutError among them, after which it may
-        be called again.
+        """Receives a whole message. end_s: by time.monotonic. Raises OSError, TimeoutError among them, after which it
+        may be called again.
         """
         self._need(HEAD_BYTES, end_s)
         header, pixels = lengths(bytes(self._received[:HEAD_BYTES]))

@@ -44,7 +44,7 @@ def _files(folder: Path, refused: list[str]) -> list[Path]:
     files = sorted(path for path in there if path.suffix.lower() in SUFFIXES)
     told = [f"{error.filename}: cannot be looked into: {error.strerror}" for error in unread]
     if unread and not files:
-        what, remedy = f"cannot be looked into: {unread[0].strerror}", "Check its rights, or be the user whose it is"
+        what, remedy = f"cannot be looked into: {unread[0].strerror}", "Check its permissions, or be its owner"
         raise ConfigurationError(what, str(unread[0].filename), remedy)
     refused += told
     if not files:
@@ -54,7 +54,9 @@ def _files(folder: Path, refused: list[str]) -> list[Path]:
 
 
 def _named_box(path: Path) -> bool:
-    """Whether it is there under a black box's name, whatever is in it: an empty one has no beginning to know it by."""
+    """Whether the file has the suffix of a black box, whatever is in it: an empty one cannot be recognised by its first
+    bytes.
+    """
     return path.suffix.lower() == ".mcap" and path.is_file() and os.access(path, os.R_OK)
 
 
@@ -66,7 +68,9 @@ def is_there(path: Path) -> bool:
         if not os.access(path, os.R_OK):
             raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
     except OSError as error:
-        raise RecordingError(f"cannot be read: {error.strerror}", str(path), "Check the path and its rights") from None
+        raise RecordingError(
+            f"cannot be read: {error.strerror}", str(path), "Check the path and its permissions"
+        ) from None
     return True
 
 

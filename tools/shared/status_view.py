@@ -138,7 +138,7 @@ def is_recovering(check: Mapping[str, Any]) -> bool:
 
 
 def _bar(ratio: float, colour: str, cells: int) -> Text:
-    """Nothing where there is no room for it."""
+    """Returns a bar; an empty text where there is no room for it."""
     if cells < 1:
         return Text()
     filled = round(cells * min(ratio, 1.0))

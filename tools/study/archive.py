@@ -1,4 +1,4 @@
-"""What the instrument says of real recordings, a row for each; no truth is known there."""
+"""Runs the line over real recordings, a row of the study's table for each; their truth is not known."""
 
 import hashlib
 from collections.abc import Mapping

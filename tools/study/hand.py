@@ -89,7 +89,9 @@ def hold(t_s: Array, random: np.random.Generator) -> Array:
 
 
 def gesture(t_s: Array, random: np.random.Generator) -> Array:
-    """Everything at once that `appliance.core.quality.gesture` asks for, as a person does it who has been shown it."""
+    """Returns the motion of a hand that has been shown the gesture: all that `appliance.core.quality.gesture` asks for,
+    at once.
+    """
     rows = tremor(t_s, random)
     for row, amplitude, period_s in _GESTURE:
         turn = 2 * np.pi * t_s / (period_s * random.uniform(0.9, 1.1)) + random.uniform(0, 2 * np.pi)

@@ -178,7 +178,7 @@ class Hazard:
 
     @property
     def _row(self) -> HazardKind | None:
-        """None for none."""
+        """The row of the kind of hazard; None for `none`."""
         return _ROWS.get(self.kind)
 
     @property

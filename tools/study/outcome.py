@@ -95,7 +95,7 @@ class Outcome:
 
 
 def run(conditions: Conditions, pictures: list[GreyImage]) -> Outcome:
-    """pictures: of `tools.study.samples.rendered`."""
+    """Runs the line over a session, and counts what it says. pictures: of `tools.study.samples.rendered`."""
     session, judging, limits = conditions.session, conditions.judging, conditions.judging.limits
     line, outcome = Line(session.reference, limits), Outcome()
     timeline = Timeline(stamp_ns(0.0), stamp_ns(0.0), stamp_ns(session.duration_s), judging)

@@ -42,7 +42,9 @@ def listed(url: str) -> list[tuple[str, ...]]:
         names = [path] if filesystem.isfile(path) else filesystem.find(path)
         found = sorted(filesystem.unstrip_protocol(name) for name in names)
     except Exception as error:  # each store has its own
-        raise DeviceLost(f"cannot be listed: {_said(error)}", printable(url), "Check address and rights") from error
+        raise DeviceLost(
+            f"cannot be listed: {_said(error)}", printable(url), "Check address and permissions"
+        ) from error
     recordings = [name for name in found if name.lower().endswith(SUFFIXES)]
     if not recordings:
         raise ConfigurationError("holds no recordings", printable(url), f"It looks for {', '.join(SUFFIXES)}")

@@ -85,7 +85,10 @@ class StudyTable:
                 stream.flush()
                 os.fsync(stream.fileno())
         except OSError as error:
-            what, remedy = f"cannot be written: {error.strerror}", "Make room or check the rights, and start it again"
+            what, remedy = (
+                f"cannot be written: {error.strerror}",
+                "Make room or check the permissions, and start it again",
+            )
             raise ConfigurationError(what, str(self.path), f"{remedy}: what is done stays") from error
 
     def _read(self) -> None:

@@ -272,8 +272,8 @@ class PictureChain(Detector):
         return carried(before, (moved, 0.0), self._aspect), link
 
     def _change(self, placed: Array32, view: View, link: Link | None) -> PictureChange | None:
-        """placed: the last picture of the chain where its tissue is now. What is like it as a whole is neither mirrored
-        nor another depth by far.
+        """Returns how the picture has changed, None for not at all. placed: the last picture of the chain where its
+        tissue is now. What is like it as a whole is neither mirrored nor another depth by far.
         """
         stretch = stretch_of(placed, view.small, self._aspect)
         if stretch is not None or self._searches >= _SEARCHES or (link is not None and link.whole):

@@ -37,7 +37,7 @@ class ScreenChange:
         self.restart()
 
     def restart(self) -> None:
-        """Nothing is known of any picture."""
+        """Forgets all pictures."""
         self._before: _Sparse | None = None
         self._moved: _Sparse | None = None
         self._live: tuple[_Sparse, _Sparse] | None = None

@@ -86,7 +86,7 @@ class SlowSlip(Detector):
         self._restart()
 
     def checks(self) -> tuple[Check, ...]:
-        """None: it names nothing."""
+        """Returns no checks, because it names no fault."""
         return ()
 
     def _restart(self) -> None:

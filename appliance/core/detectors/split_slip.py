@@ -97,7 +97,7 @@ class SplitSlip(BodySlip):
         return doubted
 
     def checks(self) -> tuple[Check, ...]:
-        """None: it names nothing."""
+        """Returns no checks, because it names no fault."""
         return ()
 
     def _restart(self) -> None:

@@ -20,7 +20,9 @@ where the motion is planar; more refuses slight motion out of the plane. Not mea
 
 
 def solve_freehand(u: Array, v: Array) -> HandEye:
-    """u: (n, 2) px, v: (n, 3) mm. ValueError where v does not span three directions or u two."""
+    """Solves for the calibration. u: (n, 2) px, v: (n, 3) mm. Raises ValueError where v does not span three directions
+    or u two.
+    """
     return freehand(Sums.of(u, v))
 
 

@@ -16,7 +16,9 @@ from drivers.rigid import Array, nearest_rotation
 
 
 def solve_scaled_rotation(u: Array, v: Array, factor: Literal["qr", "polar"] = "polar") -> HandEye:
-    """u: (n, 2) px or (n, 3) voxels; v: (n, 3) mm, t_b or `Motions.displacements`. ValueError where u lacks rank."""
+    """Solves for rotation and scales. u: (n, 2) px or (n, 3) voxels; v: (n, 3) mm, t_b or `Motions.displacements`.
+    Raises ValueError where u lacks rank.
+    """
     return scaled_rotation(Sums.of(u, v), factor)
 
 

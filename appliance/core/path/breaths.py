@@ -62,8 +62,8 @@ class Breaths:
 
     @classmethod
     def found(cls, blocks: Blocks, breathing_mm: Array, habit: Habit | None = None) -> "Breaths | None":
-        """breathing_mm: (m,) what is most likely breathing. habit: of breaths before these. None where there are too
-        few.
+        """Finds breaths. breathing_mm: (m,) what is most likely breathing. habit: of breaths before these. Returns None
+        where there are too few.
         """
         centred = blocks.without_offsets(breathing_mm)
         size_mm, rises = _size_and_sense(centred if habit is None else _wave(habit.shape_mm))

@@ -81,7 +81,9 @@ class _Fits:
 
 
 def explain(window: PathWindow, reference: Calibration) -> Steps[Explanation | None]:
-    """None where there is too little motion, where nothing explains it or where two explain it as well."""
+    """Returns what explains the motion; None where there is too little motion, where nothing explains it or where two
+    explain it equally well.
+    """
     yield LAGS.of()
     steps = _Steps.of(window, reference)
     if steps is None:
@@ -168,7 +170,7 @@ class _Steps:
 
     @classmethod
     def of(cls, window: PathWindow, reference: Calibration) -> "_Steps | None":
-        """None where there is too little."""
+        """Returns the steps of the window; None where there are too few."""
         pictures = window.picture_steps()
         if pictures is None:
             return None

@@ -145,7 +145,9 @@ class _Search:
         return float(self.score[apart & (np.abs(self.lags) <= reach)].min() - self.score[best])
 
     def latency(self, best: int, reach: int) -> Latency | None:
-        """None where the best lag lies at the end of what was looked at, or is hardly better than the usual one."""
+        """Returns the best lag as a latency; None where it lies at the end of the range that was searched, or is hardly
+        better than the usual one.
+        """
         if best in (0, len(self.lags) - 1) or np.median(self.score) - self.score[best] < _LEAST_DEPTH:
             return None
         near = self.lags[best] + np.arange(-_NEAR, _NEAR + 1, 2)

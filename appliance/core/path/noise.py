@@ -196,8 +196,8 @@ class LearnedNoise:
         return Whitener(self._parts[k], self._offsets[k], self.noise.variances[k], self._left_open.get(k))
 
     def learn(self, residual: Array, J: Array, covariance: Array) -> None:
-        """residual: (rows, m) at the estimate, free of outliers. J: (rows, p, m). Where breaths are followed, only
-        those rows learn, in longer steps: their variances fall far at first.
+        """Learns the noise of a window. residual: (rows, m) at the estimate, free of outliers. J: (rows, p, m). Where
+        breaths are followed, only those rows learn, in longer steps: their variances fall far at first.
 
         covariance: (p, p) of θ, by the noise as it is.
         """

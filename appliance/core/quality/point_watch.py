@@ -88,7 +88,7 @@ class PointWatch:
         self._latest: Change | None = None
 
     def restart(self) -> None:
-        """Nothing is shown any more."""
+        """Forgets what motion has shown."""
         self._kept = self._latest = None
 
     def note(self, finding: Finding, now_ns: int, status: VerificationStatus, stamps_err_s: float) -> None:

@@ -15,7 +15,9 @@ class Shown(Enum):
 
 
 def shown(check: Check | None, now_ns: int, first_ns: int) -> Shown:
-    """first_ns: from when on motion counts. check: None where the line does not speak of it."""
+    """Returns how the parameter of a check is shown. first_ns: from when on motion counts. check: None where the
+    verdict has none of that name.
+    """
     if check is None or check.shown_ns is None or check.verdict is VerdictKind.FAULT or check.shown_ns < first_ns:
         return Shown.MISSING
     present = check.verdict is VerdictKind.OK and now_ns - check.shown_ns <= PRESENT_NS

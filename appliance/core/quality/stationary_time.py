@@ -213,5 +213,5 @@ class StationaryTime:
 
 
 def _within(values: Array, most: float) -> bool:
-    """False for NaN."""
+    """Whether no value is larger than `most`, whatever its sign; NaN is."""
     return bool((np.abs(values) <= most).all())

@@ -66,7 +66,9 @@ class Trend:
 
 
 def trend(estimates: Sequence[Estimate], limit: float) -> Trend:
-    """estimates in time order; those without a value or a sigma are left out. limit: of the check, same unit."""
+    """Returns the trend of estimates in time order; those without a value or a sigma are left out. limit: of the check,
+    same unit.
+    """
     known = tuple(one for one in estimates if isfinite(one.value) and isfinite(one.sigma) and one.sigma > 0)
     values = np.array([one.value for one in known])
     base, scatter = _baseline(values, np.array([one.sigma for one in known]))

@@ -151,7 +151,7 @@ class Keyframe:
 
     @property
     def textured(self) -> bool:
-        """False where the picture holds too little structure to be registered at all."""
+        """Whether the picture holds enough structure to be registered."""
         return self._fine is not None
 
     @cached_property

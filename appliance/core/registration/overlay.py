@@ -57,7 +57,7 @@ class OverlayMask:
 
     @property
     def settled(self) -> bool:
-        """False while what does not move may still be taken for tissue."""
+        """Whether static overlay has been told from tissue."""
         return self._mask is not None
 
     def step(self, levels: Pyramid) -> bool:

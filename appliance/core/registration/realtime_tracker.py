@@ -87,7 +87,7 @@ class RealTimeTracker:
 
     @property
     def settled(self) -> bool:
-        """False while static overlay may still hold the registration back."""
+        """Whether static overlay cannot hold the registration back any more."""
         return self._overlay.settled
 
     @property

@@ -1,7 +1,7 @@
-"""What is left of a picture without what is smooth in it.
+"""High-pass filter that leaves the speckle of a picture.
 
-Where speckle changes, neighbouring pixels change together; least squares do best where they do not, and in the speckle
-alone they do less.
+Where speckle changes, the residuals of neighbouring pixels are correlated. Least squares assume that they are not, and
+in the filtered picture they are less so.
 """
 
 import cv2

@@ -66,7 +66,9 @@ class Hold:
         )
 
     def begin(self, peer: Peer, who: str, hold_s: float | None, now_ns: int) -> None:
-        """hold_s: longest silence of that connection, s; None: the recalibration hangs on nothing."""
+        """Begins a recalibration that one connection holds. hold_s: longest silence of that connection, s; None: it
+        needs no connection.
+        """
         self._begun = _Begun(peer, who, hold_s, now_ns, now_ns)
 
     @property

@@ -73,7 +73,7 @@ class References(threading.Thread):
             raise self.failure
 
     def begin(self) -> None:
-        """No other service runs here: changes may be written."""
+        """Permits writing from now on, because no other service runs here."""
         self._begun = True
         self._wake.set()
 

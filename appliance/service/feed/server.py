@@ -272,7 +272,7 @@ class FeedServer:
             self._put(client, parts, verdicts)
 
     def _put(self, client: _Client, parts: _Parts | None, verdicts: _Parts) -> None:
-        """parts: None for a picture that was overwritten before it could be taken."""
+        """Queues a sample. parts: None for a picture that was overwritten before it could be taken."""
         whole = verdicts if parts is None else (*parts, *verdicts)
         if parts is None or (whole and not client.put(whole)):
             self._miss(client, 1)

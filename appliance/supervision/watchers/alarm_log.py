@@ -1,4 +1,4 @@
-"""What was written down must be what is read back, and what happens now must be written down."""
+"""Watches the alarm log: what is read back must be what was written, and what happens now must be written."""
 
 from appliance.supervision.watchers.device_health import DeviceHealth, Timeouts, silence
 from appliance.types import Check, Fault, VerdictKind

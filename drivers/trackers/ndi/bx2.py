@@ -32,7 +32,7 @@ class Tool6D:
 
     @property
     def code(self) -> int:
-        """0 ok, 3 partly out of volume, 9 out of volume; the rest in drivers.trackers.ndi.pose_status."""
+        """Error code: 0 ok, 3 partly out of volume, 9 out of volume; the rest in drivers.trackers.ndi.pose_status."""
         return self.status & 0xFF
 
 

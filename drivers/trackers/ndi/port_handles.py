@@ -148,7 +148,7 @@ class PortHandles:
         return DeviceLost(self._silent[plug], self._where, remedy)
 
     def _information(self, handle: int) -> ToolInformation | None:
-        """None where the device has none to give, or none that can be read."""
+        """Returns what the device says of the tool; None where it says nothing, or nothing that can be read."""
         try:
             text = self._ask("PHINF", f"{handle:02X}{INFORMATION}")
         except RefusedError as refusal:

@@ -113,7 +113,7 @@ def dialect(kind: ReplyKind) -> Dialect:
 
 
 class RepeatingDialect:
-    """TX or BX."""
+    """Requests and replies of TX or BX, which repeat a measurement."""
 
     repeats = True
 
@@ -136,7 +136,7 @@ class RepeatingDialect:
 
 
 class Bx2Dialect:
-    """BX2."""
+    """Requests and replies of BX2."""
 
     repeats = False
     tool_bytes = _BINARY_TOOL_BYTES

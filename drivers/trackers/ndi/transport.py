@@ -145,7 +145,7 @@ class NetworkLine:
         self._socket.sendall(data)
 
     def set_baud(self, baud: int) -> None:
-        """Nothing: a network has no line speed."""
+        """Does nothing, because a network connection has no line speed."""
 
     def reset(self, clock: HostClock) -> None:
         """The connection to a device that resets is lost; make a new one."""

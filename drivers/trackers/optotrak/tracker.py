@@ -74,7 +74,7 @@ class OptotrakOptions:
 
 
 def open_tracker(target: str, options: dict[str, str], clock: HostClock) -> "OptotrakTracker":
-    """target: host or host:port. Connects and starts the stream; see drivers.registry for what is raised."""
+    """Connects and starts the stream; see drivers.registry for what is raised. target: host or host:port."""
     (host, port), wanted = checked(target, options)
     return OptotrakTracker(host, port, wanted, clock)
 

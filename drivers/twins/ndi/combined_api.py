@@ -416,7 +416,7 @@ class CombinedApi:
             raise _RefuseError(0x23) from None
 
     def _bx2(self, arguments: str, t_s: float) -> bytes:
-        """Nothing at all unless there is a new measurement; data are never repeated."""
+        """Answers BX2: without data unless there is a new measurement, because data are never repeated."""
         try:
             wanted = bx2_options(arguments)
         except ValueError:

@@ -162,7 +162,7 @@ class Session:
         return "Streaming" if divisor else "Streaming has stopped"
 
     def _divisor(self, word: str) -> int | None:
-        """None for what is not understood."""
+        """Returns by what the frame rate is divided, 0 for no frames; None for a word that is not understood."""
         fixed = {"stop": 0, "allframes": 1}
         if word in fixed:
             return fixed[word]
@@ -188,7 +188,7 @@ class Session:
 
 
 def _wanted(words: list[str]) -> frozenset[ComponentType] | None:
-    """None for a word that names no component; without words everything, as for All."""
+    """Returns the components that the words name, all of them without words; None for a word that names none."""
     if not words or words == ["all"]:
         return frozenset(ComponentType)
     return frozenset(_COMPONENTS[word] for word in words) if set(words) <= set(_COMPONENTS) else None

@@ -42,8 +42,8 @@ class Patient:
         return self._way(t_s, wall=self.surroundings.organ)
 
     def sight(self, pose: Matrix4, t_s: float, drag_mm: Array) -> Sight | None:
-        """pose: (4, 4) picture → tissue that has moved as a whole. drag_mm: (2,) of the skin. None for rigid tissue
-        with nothing in it.
+        """Returns where tissue is seen; None for rigid tissue with nothing in it. pose: (4, 4) picture → tissue that
+        has moved as a whole. drag_mm: (2,) of the skin.
         """
         now = self.surroundings
         shades = list(self._shades(pose, t_s, drag_mm))

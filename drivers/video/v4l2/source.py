@@ -29,7 +29,7 @@ break that; each is some calls to the driver."""
 
 
 def open_video(target: str, options: dict[str, str], clock: HostClock) -> "V4l2Video":
-    """target: path of the node. See drivers.registry for what is raised."""
+    """Opens a frame grabber; see drivers.registry for what is raised. target: path of the node."""
     return V4l2Video(target, *checked(target, options), clock)
 
 
@@ -92,7 +92,7 @@ class V4l2Video(Closable):
             require_signal(self._node)
 
     def _frame(self, filled: Filled) -> Frame | None:
-        """None where it is damaged."""
+        """Returns the frame in a buffer; None where it is damaged."""
         agreed, sequence = self.agreed, self._counter.count(filled.sequence)
         try:
             if filled.flags & abi.BUF_FLAG_ERROR:
