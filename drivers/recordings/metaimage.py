@@ -7,11 +7,9 @@ FrameNumber, <A>To<B>Transform (4×4, row-major, mm), its Status, ImageStatus.
 
 import os
 import re
-import shutil
-import tempfile
 import zlib
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
 from typing import BinaryIO
@@ -19,11 +17,11 @@ from typing import BinaryIO
 import numpy as np
 
 from drivers.errors import RecordingError
-from drivers.files.atomic_file import replacing
 from drivers.files.regular_file import reading, refuse_irregular
 from drivers.printable import printable
 from drivers.recordings.foreign import HEAD_BYTES, are_matrix, are_numbers, refuse_foreign
-from drivers.recordings.keys import IMAGE_STATUS, IMAGE_TYPE, ORIENTATION, from_zero, known, missing
+from drivers.recordings.keys import IMAGE_STATUS, ORIENTATION, from_zero, known, missing
+from drivers.recordings.picture_blocks import inflated, raw
 from drivers.samples import GreyImage, Matrix4, PoseStatus
 from drivers.trackers.plus_transform import GOOD, TransformReading, rigid_reading, without_matrix
 from drivers.video.crop import FLIPS
@@ -42,26 +40,12 @@ MAX_HEADER_LINES, MAX_HEADER_BYTES = 2_000_000, 256_000_000
 MAX_STAMP_S = 9_000_000_000
 """Seconds whose nanoseconds still fit 64 bits; Unix time gets there in the year 2255."""
 
-BLOCK_BYTES = 262_144
-"""Copied or unpacked at a time: a little less than a picture of 640 × 480. More takes memory, less takes calls. Not
-measured."""
-
 _CHANNELS, _SKIPPED = "ElementNumberOfChannels", "HeaderSize"
 _DECIMAL_COMMA = re.compile(r"[+-]?[0-9]+,[0-9]+")
 """A number as spreadsheets and programs write it in countries with a decimal comma."""
 _WITHOUT_LAST_ROW = 12
 """Numbers of a matrix without 0 0 0 1."""
 FRAME_KEY = re.compile(r"Seq_Frame([0-9]{1,9})_(\S+)")
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class SequenceItem:
-    """One entry to write. image: MF-oriented or None. transforms: `<A>To<B>` → (4, 4), None for INVALID."""
-
-    t_ns: int
-    image: GreyImage | None = None
-    transforms: Mapping[str, Matrix4 | None] = field(default_factory=dict)
-    sequence: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,9 +137,9 @@ class MetaImage:
                 stream.seek(self._data_offset)
                 if self._compressed:
                     inflator = zlib.decompressobj(self._window_bits)
-                    yield from _inflated(inflator, stream, self._data_path, len(self.frames), frame_bytes)
+                    yield from inflated(inflator, stream, self._data_path, len(self.frames), frame_bytes)
                 else:
-                    yield from _raw(stream, self._data_path, len(self.frames), frame_bytes)
+                    yield from raw(stream, self._data_path, len(self.frames), frame_bytes)
         except OSError as error:
             raise unreadable(self._data_path, error) from error
 
@@ -175,37 +159,6 @@ def read_metaimage(path: Path, orientation: str | None = None) -> MetaImage:
         return checked_header(path, general, frames, offset, orientation)
     except OSError as error:
         raise unreadable(path, error) from error
-
-
-def write_metaimage(
-    path: Path,
-    items: Iterable[SequenceItem],
-    size_px: tuple[int, int] | None,
-    *,
-    compressed: bool = True,
-    detached: bool = False,
-    orientation: str = "MFA",
-) -> None:
-    """Write a sequence; path shows the whole of it or does not appear. Images pass through one at a time.
-
-    size_px: (width, height), None for a sequence of poses only. Entries without a picture are marked INVALID.
-    Raises OSError, and ValueError for an image of another size.
-    """
-    data_path = path.with_suffix(".zraw" if compressed else ".raw")
-    for place in (path, data_path) if detached else (path,):
-        refuse_irregular(place)
-    with tempfile.TemporaryFile(dir=path.parent) as data:
-        lines = spooled(data, items, size_px, zlib.MAX_WBITS if compressed else None, FLIPS[orientation[:2]])
-        head = _general_lines(size_px, lines.count, data.tell() if compressed else None, orientation)
-        target = data_path.name if detached else "LOCAL"
-        header = "\n".join([*head, *lines.text, f"ElementDataFile = {target}\n"]).encode()
-        data.seek(0)
-        if detached:
-            with replacing(data_path) as stream:
-                shutil.copyfileobj(data, stream, BLOCK_BYTES)
-        with replacing(path) as stream:
-            stream.write(header)
-            shutil.copyfileobj(data, stream, BLOCK_BYTES)
 
 
 def _refusal(path: Path, key: str, what: str, remedy: str) -> RecordingError:
@@ -432,117 +385,3 @@ def _likely_unit(time: Decimal) -> str:
     units = (("ms", 1000), ("µs", 1_000_000), ("ns", 1_000_000_000))
     likely = (f"Is it in {unit}? Divide by {per_s}" for unit, per_s in units if time.copy_abs() <= MAX_STAMP_S * per_s)
     return next(likely, "Record again, or fix this line")
-
-
-def _raw(stream: BinaryIO, path: Path, count: int, frame_bytes: int) -> Iterator[bytes]:
-    for index in range(count):
-        block = stream.read(frame_bytes)
-        if len(block) < frame_bytes:
-            raise RecordingError(f"picture {index} of {count} is cut short", str(path), "Copy the file again")
-        yield block
-
-
-def _inflated(
-    inflator: "zlib._Decompress", stream: BinaryIO, path: Path, count: int, frame_bytes: int
-) -> Iterator[bytes]:
-    """Frames out of one zlib stream; the last read goes past the pictures, so that zlib verifies its checksum."""
-    for index in range(count):
-        block = _inflate(inflator, stream, path, frame_bytes)
-        if len(block) < frame_bytes:
-            raise RecordingError(f"picture {index} of {count} is cut short", str(path), "Copy the file again")
-        yield block
-    if _inflate(inflator, stream, path, 1) or not inflator.eof:
-        what = f"holds more or less picture data than the {count} frames of its header"
-        raise RecordingError(what, str(path), "Copy the file again")
-
-
-def _inflate(inflator: "zlib._Decompress", stream: BinaryIO, path: Path, wanted: int) -> bytes:
-    """Inflate up to `wanted` bytes; fewer only at the end of the stream or of the file."""
-    parts, missing = [], wanted
-    try:
-        while missing and not inflator.eof:
-            source = inflator.unconsumed_tail or stream.read(BLOCK_BYTES)
-            part = inflator.decompress(source, missing)
-            parts.append(part)
-            missing -= len(part)
-            if not source and not part:
-                break
-    except zlib.error:
-        raise RecordingError("the compressed pictures are damaged", str(path), "Copy the file again") from None
-    return b"".join(parts)
-
-
-@dataclass(slots=True)
-class HeaderLines:
-    """Lines of the entries, `key = value`, and how many entries there are."""
-
-    text: list[str] = field(default_factory=list)
-    count: int = 0
-
-
-def spooled(
-    data: BinaryIO,
-    items: Iterable[SequenceItem],
-    size_px: tuple[int, int] | None,
-    window_bits: int | None,
-    flips: tuple[bool, bool],
-    status_names: tuple[str, ...] = (IMAGE_STATUS,),
-) -> HeaderLines:
-    """Write the pictures to data, compressed where window_bits says how; return the header lines of the entries.
-
-    status_names: under which it is said whether a picture is valid.
-    """
-    lines = HeaderLines()
-    deflator = None if window_bits is None else zlib.compressobj(6, zlib.DEFLATED, window_bits)
-    for item in items:
-        lines.text += _item_lines(lines.count, item, status_names)
-        lines.count += 1
-        block = b"" if size_px is None else _stored(item.image, size_px, flips)
-        data.write(deflator.compress(block) if deflator else block)
-    if deflator:
-        data.write(deflator.flush())
-    return lines
-
-
-def _stored(image: GreyImage | None, size_px: tuple[int, int], flips: tuple[bool, bool]) -> bytes:
-    width, height = size_px
-    if image is None:
-        return bytes(width * height)
-    if image.shape != (height, width) or image.dtype != np.uint8:
-        raise ValueError(f"image is {image.shape} {image.dtype}, the sequence {(height, width)} uint8")
-    rows, columns = (slice(None, None, -1 if flip else 1) for flip in flips)
-    return image[rows, columns].tobytes()
-
-
-def _item_lines(index: int, item: SequenceItem, status_names: tuple[str, ...]) -> list[str]:
-    prefix = f"Seq_Frame{index:04d}_"
-    lines = [] if item.sequence is None else [f"{prefix}FrameNumber = {item.sequence}"]
-    for name, matrix in item.transforms.items():
-        numbers = " ".join(f"{value:.17g}" for value in (np.eye(4) if matrix is None else matrix).ravel())
-        lines.append(f"{prefix}{name}Transform = {numbers}")
-        lines.append(f"{prefix}{name}TransformStatus = {'INVALID' if matrix is None else 'OK'}")
-    lines.append(f"{prefix}Timestamp = {Decimal(item.t_ns).scaleb(-9):f}")
-    lines += [f"{prefix}{name} = {'INVALID' if item.image is None else 'OK'}" for name in status_names]
-    return lines
-
-
-def _general_lines(
-    size_px: tuple[int, int] | None, count: int, compressed_bytes: int | None, orientation: str
-) -> list[str]:
-    width, height = size_px or (0, 0)
-    compression = [f"CompressedData = {compressed_bytes is not None}"]
-    if compressed_bytes is not None:
-        compression.append(f"CompressedDataSize = {compressed_bytes}")
-    return [
-        "ObjectType = Image",
-        "NDims = 3",
-        "BinaryData = True",
-        "BinaryDataByteOrderMSB = False",
-        *compression,
-        f"DimSize = {width} {height} {count}",
-        "Kinds = domain domain list",
-        "ElementSpacing = 1 1 1",
-        f"ElementType = {'MET_OTHER' if size_px is None else 'MET_UCHAR'}",
-        f"{ORIENTATION} = {orientation if size_px else 'XX'}",
-        f"{IMAGE_TYPE} = BRIGHTNESS",
-    ]

@@ -18,16 +18,15 @@ from drivers.files.regular_file import reading, refuse_irregular
 from drivers.printable import printable
 from drivers.recordings.keys import IMAGE_STATUS, IMAGE_TYPE, NAMES, ORIENTATION, index_times, known
 from drivers.recordings.metaimage import (
-    BLOCK_BYTES,
     FRAME_KEY,
     MAX_HEADER_BYTES,
     MAX_HEADER_LINES,
     MetaImage,
-    SequenceItem,
     checked_header,
-    spooled,
     unreadable,
 )
+from drivers.recordings.metaimage_writing import SequenceItem, spooled
+from drivers.recordings.picture_blocks import BLOCK_BYTES
 from drivers.video.crop import FLIPS
 
 MAGIC = b"NRRD"

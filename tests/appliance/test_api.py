@@ -12,7 +12,7 @@ from appliance.limits import Limits
 from appliance.storage.calibration_file import read_calibration, write_calibration
 from appliance.types import VerdictKind
 from drivers.errors import ConfigurationError, RecordingError
-from drivers.recordings.metaimage import SequenceItem, write_metaimage
+from drivers.recordings.metaimage_writing import SequenceItem, write_metaimage
 from drivers.samples import Frame
 from drivers.twins.scene.world import WorldSettings
 from tests.support.answers import answered

@@ -32,7 +32,8 @@ from drivers.clock.host_clock import HostClock
 from drivers.errors import ConfigurationError, DeviceLost, RecordingError
 from drivers.io.inventory import serial_ports
 from drivers.printable import LONGEST_TEXT, LONGEST_WORDS, printable, printable_bytes, printable_screen, printable_value
-from drivers.recordings.metaimage import read_metaimage, write_metaimage
+from drivers.recordings.metaimage import read_metaimage
+from drivers.recordings.metaimage_writing import write_metaimage
 from drivers.trackers.ndi.identity import identity_of
 from drivers.trackers.ndi.rom import ROM_BYTES, definition_of
 from drivers.trackers.optotrak.rtc3d import ByteOrder, PacketType, Text, encode_packet

@@ -19,7 +19,7 @@ import pytest
 from drivers.clock.host_clock import HostClock
 from drivers.device_api import TrackerSource, VideoSource
 from drivers.errors import DeviceLost
-from drivers.recordings.metaimage import SequenceItem, write_metaimage
+from drivers.recordings.metaimage_writing import SequenceItem, write_metaimage
 from drivers.registry import drivers, open_tracker, open_video
 from drivers.samples import Frame, Pose, PoseStatus
 from drivers.twins.scene.world import World

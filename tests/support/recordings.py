@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.recordings.metaimage import SequenceItem
+from drivers.recordings.metaimage_writing import SequenceItem
 from drivers.samples import Frame, GreyImage, Matrix4, Pose
 
 SIZE_PX = (7, 5)

@@ -14,7 +14,7 @@ from appliance.storage.reference_store import FOLDER, HISTORY
 from appliance.types import Calibration
 from drivers.errors import ConfigurationError
 from drivers.files.atomic_file import check_writable
-from drivers.recordings.metaimage import write_metaimage
+from drivers.recordings.metaimage_writing import write_metaimage
 from tests.appliance.configuration.test_config import GOOD
 from tests.support.nobody import open_folder, told, without_rights
 from tests.support.recordings import items

@@ -17,7 +17,7 @@ from appliance.types import Verdict, VerdictKind
 from drivers.errors import ConfigurationError, RecordingError
 from drivers.files.atomic_file import writing
 from drivers.recordings.film import POSE_COLUMNS
-from drivers.recordings.metaimage import SequenceItem, write_metaimage
+from drivers.recordings.metaimage_writing import SequenceItem, write_metaimage
 from drivers.recordings.nrrd import write_nrrd
 from drivers.rigid import interpolate
 from drivers.samples import Frame, GreyImage, Matrix4, Pose

@@ -10,7 +10,8 @@ import numpy as np
 from appliance.limits import Limits, Profile, RequiredAges
 from appliance.supervision.timeline import Judging
 from appliance.types import PARAMETERS
-from drivers.recordings.metaimage import SequenceItem, read_metaimage, write_metaimage
+from drivers.recordings.metaimage import read_metaimage
+from drivers.recordings.metaimage_writing import SequenceItem, write_metaimage
 from drivers.rigid import Array, rigid, rotation_from_vector
 from drivers.samples import Frame, GreyImage, Pose, PoseStatus, Sample, Stamp
 from drivers.twins.faults import blank_image

@@ -16,7 +16,7 @@ from click.testing import CliRunner
 from appliance.core.detectors.picture_change import flip_or_zoom_of
 from appliance.core.detectors.picture_link import small
 from appliance.storage.calibration_file import write_calibration
-from drivers.recordings.metaimage import SequenceItem, write_metaimage
+from drivers.recordings.metaimage_writing import SequenceItem, write_metaimage
 from tests.support.foreign_scanner import (
     CONVEX,
     LINEAR,

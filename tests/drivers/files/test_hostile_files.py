@@ -22,7 +22,8 @@ from drivers.errors import ConfigurationError, ProbewatchError, RecordingError
 from drivers.files.atomic_file import check_writable, writing
 from drivers.io.byte_log import ByteLog, read_log
 from drivers.recordings import metaimage
-from drivers.recordings.metaimage import read_metaimage, write_metaimage
+from drivers.recordings.metaimage import read_metaimage
+from drivers.recordings.metaimage_writing import write_metaimage
 from drivers.recordings.nrrd import write_nrrd
 from drivers.recordings.replay import open_recording
 from drivers.recordings.sequence import read_sequence

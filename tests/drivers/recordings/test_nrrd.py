@@ -8,7 +8,7 @@ import pytest
 import SimpleITK as sitk  # noqa: N813  as its documentation does
 
 from drivers.errors import RecordingError
-from drivers.recordings.metaimage import write_metaimage
+from drivers.recordings.metaimage_writing import write_metaimage
 from drivers.recordings.nrrd import read_nrrd, write_nrrd
 from drivers.recordings.replay import open_recording
 from drivers.recordings.sequence import read_sequence

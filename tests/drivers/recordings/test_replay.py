@@ -9,7 +9,7 @@ import pytest
 
 from drivers.clock.host_clock import HostClock
 from drivers.errors import ConfigurationError, DeviceLost, RecordingError
-from drivers.recordings.metaimage import write_metaimage
+from drivers.recordings.metaimage_writing import write_metaimage
 from drivers.recordings.replay import open_recording
 from drivers.registry import open_output, open_tracker, open_video
 from drivers.samples import Frame, Pose, PoseStatus

@@ -16,7 +16,7 @@ from appliance.storage.calibration_file import (
     write_calibration,
 )
 from appliance.types import PARAMETERS, Calibration
-from drivers.recordings.metaimage import SequenceItem, write_metaimage
+from drivers.recordings.metaimage_writing import SequenceItem, write_metaimage
 from drivers.rigid import rotation_from_vector, vector_from_rotation
 from drivers.twins.scene.world import World
 from tests.support.answers import answered

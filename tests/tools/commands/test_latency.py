@@ -11,7 +11,7 @@ from click.testing import CliRunner
 
 from appliance.storage.calibration_file import calibration_from_image_to_probe, write_calibration
 from drivers.errors import RecordingError
-from drivers.recordings.metaimage import write_metaimage
+from drivers.recordings.metaimage_writing import write_metaimage
 from drivers.recordings.replay import open_recording
 from tests.support.answers import answered
 from tests.support.recordings import NWIRE_IMAGE_TO_PROBE, items, plus_file

@@ -15,7 +15,7 @@ from appliance.limits import NAMED_NATS
 from appliance.storage.calibration_file import calibration_from_image_to_probe, write_calibration
 from appliance.types import Calibration
 from drivers.errors import ProbewatchError
-from drivers.recordings.metaimage import write_metaimage
+from drivers.recordings.metaimage_writing import write_metaimage
 from drivers.samples import Frame, Stamp
 from drivers.twins.faults import Schedule
 from drivers.twins.scene.world import WorldSettings

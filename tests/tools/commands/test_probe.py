@@ -18,7 +18,7 @@ import pytest
 from drivers.clock.host_clock import HostClock
 from drivers.openigtlink.image import Image
 from drivers.openigtlink.message import Message, encode
-from drivers.recordings.metaimage import SequenceItem, write_metaimage
+from drivers.recordings.metaimage_writing import SequenceItem, write_metaimage
 from drivers.samples import Frame, Pose, PoseStatus, Stamp
 from drivers.twins.pty_line import PtyLine
 from drivers.twins.relay_board import RelayBoard

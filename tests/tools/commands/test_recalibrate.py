@@ -17,7 +17,7 @@ from appliance.storage.calibration_file import (
     read_calibration,
     write_calibration,
 )
-from drivers.recordings.metaimage import SequenceItem, write_metaimage
+from drivers.recordings.metaimage_writing import SequenceItem, write_metaimage
 from drivers.twins.scene.world import World, WorldSettings
 from tests.support import stores
 from tests.support.answering import Answers

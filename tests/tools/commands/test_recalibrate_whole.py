@@ -8,7 +8,7 @@ import pytest
 
 from appliance.storage.calibration_file import calibration_from_image_to_probe, image_to_probe, read_calibration
 from drivers.files.markup import toml_of
-from drivers.recordings.metaimage import SequenceItem, write_metaimage
+from drivers.recordings.metaimage_writing import SequenceItem, write_metaimage
 from drivers.rigid import vector_from_rotation
 from drivers.twins.scene.world import World, WorldSettings
 from tests.support.answers import answered

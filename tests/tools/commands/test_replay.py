@@ -19,7 +19,7 @@ from appliance.supervision.watchers.device_health import DeviceHealth, Timeouts
 from appliance.supervision.watchers.devices import watch_devices
 from appliance.types import Calibration, Check, Fault, State, Verdict, VerdictKind
 from drivers.clock.host_clock import HostClock
-from drivers.recordings.metaimage import write_metaimage
+from drivers.recordings.metaimage_writing import write_metaimage
 from drivers.recordings.replay import open_recording
 from drivers.rigid import rotation_from_vector
 from drivers.samples import Frame, Pose, PoseStatus, Stamp

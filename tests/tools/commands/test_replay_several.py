@@ -16,7 +16,7 @@ from appliance.limits import Limits
 from appliance.storage.calibration_file import calibration_from_image_to_probe, write_calibration
 from appliance.types import Calibration
 from drivers.errors import ConfigurationError, RecordingError
-from drivers.recordings.metaimage import write_metaimage
+from drivers.recordings.metaimage_writing import write_metaimage
 from drivers.recordings.nrrd import write_nrrd
 from drivers.samples import Frame, Stamp
 from drivers.twins.scene.world import WorldSettings

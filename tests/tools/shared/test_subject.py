@@ -11,7 +11,7 @@ from click.testing import CliRunner
 
 from appliance.storage.calibration_file import write_calibration
 from appliance.types import Calibration
-from drivers.recordings.metaimage import write_metaimage
+from drivers.recordings.metaimage_writing import write_metaimage
 from tests.support.recordings import items
 from tools.commands.replay import command
 

@@ -13,7 +13,7 @@ import pytest
 from drivers.clock.host_clock import HostClock
 from drivers.device_api import TrackerSource
 from drivers.errors import DeviceLost
-from drivers.recordings.metaimage import SequenceItem, write_metaimage
+from drivers.recordings.metaimage_writing import SequenceItem, write_metaimage
 from drivers.registry import open_tracker
 from drivers.samples import Pose, PoseStatus
 from tests.support.answers import answered

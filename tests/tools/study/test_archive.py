@@ -25,7 +25,7 @@ from appliance.limits import Limits
 from appliance.storage.calibration_file import write_calibration
 from appliance.types import Calibration
 from drivers.errors import ConfigurationError, DeviceLost
-from drivers.recordings.metaimage import write_metaimage
+from drivers.recordings.metaimage_writing import write_metaimage
 from drivers.samples import Pose, PoseStatus, Stamp
 from tests.support.black_boxes import record
 from tests.support.polling import until

@@ -12,7 +12,7 @@ from appliance.limits import NAMED_NATS, WITHDRAWN_NATS
 from appliance.storage.calibration_file import write_calibration
 from appliance.types import PARAMETERS, Calibration
 from drivers.errors import DeviceLost
-from drivers.recordings.metaimage import write_metaimage
+from drivers.recordings.metaimage_writing import write_metaimage
 from drivers.recordings.replay import open_recording
 from drivers.samples import Pose
 from tests.support.answers import answered

@@ -1,0 +1,51 @@
+"""Pictures one after the other out of a file, stored raw or as one zlib stream."""
+
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import BinaryIO
+
+from drivers.errors import RecordingError
+
+BLOCK_BYTES = 262_144
+"""Copied or unpacked at a time: a little less than a picture of 640 × 480. More takes memory, less takes calls. Not
+measured."""
+
+
+def raw(stream: BinaryIO, path: Path, count: int, frame_bytes: int) -> Iterator[bytes]:
+    """Frames that are stored raw."""
+    for index in range(count):
+        block = stream.read(frame_bytes)
+        if len(block) < frame_bytes:
+            raise RecordingError(f"picture {index} of {count} is cut short", str(path), "Copy the file again")
+        yield block
+
+
+def inflated(
+    inflator: "zlib._Decompress", stream: BinaryIO, path: Path, count: int, frame_bytes: int
+) -> Iterator[bytes]:
+    """Frames out of one zlib stream; the last read goes past the pictures, so that zlib verifies its checksum."""
+    for index in range(count):
+        block = _inflate(inflator, stream, path, frame_bytes)
+        if len(block) < frame_bytes:
+            raise RecordingError(f"picture {index} of {count} is cut short", str(path), "Copy the file again")
+        yield block
+    if _inflate(inflator, stream, path, 1) or not inflator.eof:
+        what = f"holds more or less picture data than the {count} frames of its header"
+        raise RecordingError(what, str(path), "Copy the file again")
+
+
+def _inflate(inflator: "zlib._Decompress", stream: BinaryIO, path: Path, wanted: int) -> bytes:
+    """Inflate up to `wanted` bytes; fewer only at the end of the stream or of the file."""
+    parts, missing = [], wanted
+    try:
+        while missing and not inflator.eof:
+            source = inflator.unconsumed_tail or stream.read(BLOCK_BYTES)
+            part = inflator.decompress(source, missing)
+            parts.append(part)
+            missing -= len(part)
+            if not source and not part:
+                break
+    except zlib.error:
+        raise RecordingError("the compressed pictures are damaged", str(path), "Copy the file again") from None
+    return b"".join(parts)
