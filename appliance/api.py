@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from appliance.core.line import Line
 from appliance.core.quality.report import Change, LineReport, report_json
 from appliance.limits import Limits
-from appliance.storage.calibration_file import calibration_from_image_to_probe
+from appliance.storage.image_to_probe import calibration_from_image_to_probe
 from appliance.supervision.timeline import Judging, Timeline
 from appliance.types import Calibration, Verdict
 from drivers.errors import RecordingError

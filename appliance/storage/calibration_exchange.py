@@ -11,12 +11,8 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from appliance.storage.calibration_file import (
-    ITK_BEGINS,
-    calibration_bytes,
-    calibration_from_image_to_probe,
-    image_to_probe,
-)
+from appliance.storage.calibration_file import ITK_BEGINS, calibration_bytes
+from appliance.storage.image_to_probe import calibration_from_image_to_probe, image_to_probe
 from appliance.types import Calibration, Vector
 from drivers.errors import ConfigurationError
 from drivers.samples import Matrix4

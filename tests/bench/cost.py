@@ -8,7 +8,7 @@ import numpy as np
 
 from appliance.core.line import Line
 from appliance.limits import Limits
-from appliance.storage.calibration_file import calibration_from_image_to_probe
+from appliance.storage.image_to_probe import calibration_from_image_to_probe
 from drivers.samples import Frame
 from drivers.twins.scene.world import World, WorldSettings
 from tests.support.sessions import session

@@ -10,7 +10,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from appliance.storage.calibration_file import calibration_from_image_to_probe, write_calibration
+from appliance.storage.calibration_file import write_calibration
+from appliance.storage.image_to_probe import calibration_from_image_to_probe
 from drivers.twins.ndi.tool_definitions import make_rom
 from drivers.twins.scene.world import World
 from tests.cart.guest import Ended

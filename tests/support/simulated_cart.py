@@ -46,7 +46,8 @@ from appliance.service.estimator.process_host import EstimatorHost
 from appliance.service.estimator.ring import FRAMES, POSES, Ring, RingFds
 from appliance.service.host.log import configure, get_log
 from appliance.service.host.pressure import Pressure
-from appliance.storage.calibration_file import calibration_from_image_to_probe, write_calibration
+from appliance.storage.calibration_file import write_calibration
+from appliance.storage.image_to_probe import calibration_from_image_to_probe
 from appliance.supervision.supervisor import TICK_NS
 from drivers.clock.host_clock import HostClock
 from drivers.errors import DeviceLost

@@ -4,7 +4,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from appliance.storage.calibration_file import calibration_from_image_to_probe, image_to_probe
+from appliance.storage.image_to_probe import calibration_from_image_to_probe, image_to_probe
 from appliance.types import PARAMETERS, VerdictKind
 from drivers.samples import Matrix4
 from tools.shared.stated_change import stated_change

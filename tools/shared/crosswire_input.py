@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from appliance.storage.calibration_file import calibration_from_image_to_probe
+from appliance.storage.image_to_probe import calibration_from_image_to_probe
 from appliance.types import Calibration
 from drivers.errors import RecordingError
 from drivers.recordings.replay import open_recording

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from appliance.storage.calibration_file import calibration_from_image_to_probe
+from appliance.storage.image_to_probe import calibration_from_image_to_probe
 from appliance.types import Calibration
 from drivers.errors import ConfigurationError
 

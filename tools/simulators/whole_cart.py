@@ -17,7 +17,8 @@ from typing import Any, Self
 from appliance.service.control.client import ControlClient
 from appliance.service.control.server import ControlRefused
 from appliance.service.host.child_process import ONE_THREAD
-from appliance.storage.calibration_file import calibration_from_image_to_probe, write_calibration
+from appliance.storage.calibration_file import write_calibration
+from appliance.storage.image_to_probe import calibration_from_image_to_probe
 from drivers.clock.host_clock import HostClock
 from drivers.closable import Closable
 from drivers.errors import DeviceLost, ProbewatchError

@@ -8,7 +8,7 @@ from hashlib import sha256
 import numpy as np
 from numpy.typing import NDArray
 
-from appliance.storage.calibration_file import calibration_from_image_to_probe
+from appliance.storage.image_to_probe import calibration_from_image_to_probe
 from appliance.types import Calibration
 from drivers.rigid import Array, ComplexArray, inverse, rigid, rotation_from_vector
 from drivers.twins.scene.patient import Patient

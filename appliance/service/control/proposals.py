@@ -8,7 +8,7 @@ from typing import Any
 from appliance.core.quality.proposal import Proposal, proposal_fields, propose
 from appliance.service.control.event_log import EventLog
 from appliance.storage.alarm_chain import Event
-from appliance.storage.calibration_file import image_to_probe
+from appliance.storage.image_to_probe import image_to_probe
 from appliance.storage.reference import Reference
 from appliance.supervision.languages import translated_text
 from appliance.types import AlarmState, State, Verdict

@@ -14,7 +14,7 @@ from appliance.limits import Limits
 from appliance.service.control.references import SOFTWARE, References
 from appliance.service.devices.output_thread import OutputThread
 from appliance.service.host.recorder import Recorder
-from appliance.storage.calibration_file import image_to_probe
+from appliance.storage.image_to_probe import image_to_probe
 from appliance.storage.reference import Reference
 from appliance.supervision.alarms import EARLIER, HAZARDS, PARTLY_EARLIER, SIGNALS, operator_text
 from appliance.supervision.audio import Sound

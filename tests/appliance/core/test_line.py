@@ -10,7 +10,7 @@ import pytest
 from appliance.core.detectors.detector import Detector
 from appliance.core.line import Line
 from appliance.limits import Limits
-from appliance.storage.calibration_file import calibration_from_image_to_probe
+from appliance.storage.image_to_probe import calibration_from_image_to_probe
 from appliance.supervision.supervisor import Durations, Inputs, Supervisor
 from appliance.types import Calibration, Check, Fault, State, Verdict, VerdictKind
 from drivers.rigid import vector_from_rotation

@@ -11,7 +11,7 @@ import pytest
 
 from appliance.core.line import Line
 from appliance.limits import Limits
-from appliance.storage.calibration_file import calibration_from_image_to_probe
+from appliance.storage.image_to_probe import calibration_from_image_to_probe
 from drivers.samples import Frame, Sample, Stamp
 from drivers.twins.scene.world import World
 from tests.support.rendered import SMALL

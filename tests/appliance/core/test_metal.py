@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from appliance.core.line import Line
-from appliance.storage.calibration_file import calibration_from_image_to_probe
+from appliance.storage.image_to_probe import calibration_from_image_to_probe
 from appliance.types import Fault, Verdict, VerdictKind
 from drivers.samples import Pose
 from drivers.twins.scene.metal import near_metal

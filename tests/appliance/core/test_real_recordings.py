@@ -9,7 +9,8 @@ import pytest
 from appliance.core.line import Line
 from appliance.core.quality.report import LineReport
 from appliance.limits import Limits
-from appliance.storage.calibration_file import calibration_from_image_to_probe, read_calibration
+from appliance.storage.calibration_file import read_calibration
+from appliance.storage.image_to_probe import calibration_from_image_to_probe
 from appliance.types import Calibration, Fault, VerdictKind
 from drivers.recordings.replay import open_recording
 from drivers.rigid import vector_from_rotation

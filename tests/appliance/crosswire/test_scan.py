@@ -11,7 +11,7 @@ from appliance.core.acquisition.pairing import NEVER, NO_POSE
 from appliance.crosswire.crossing import NoCrossing
 from appliance.crosswire.offset import ScanRefused, solve_offset, solve_zeta
 from appliance.crosswire.scan import CrosswireScan, View
-from appliance.storage.calibration_file import calibration_from_image_to_probe
+from appliance.storage.image_to_probe import calibration_from_image_to_probe
 from appliance.types import Calibration
 from drivers.samples import Frame, Pose, PoseStatus, Sample, Stamp
 from drivers.twins.scene.wires import Clutter

@@ -23,7 +23,8 @@ import pytest
 from appliance.service.control.server import ControlRefused
 from appliance.service.control.status_fields import STATUS
 from appliance.storage.alarm_chain import read_log
-from appliance.storage.calibration_file import image_to_probe, read_calibration, write_calibration
+from appliance.storage.calibration_file import read_calibration, write_calibration
+from appliance.storage.image_to_probe import image_to_probe
 from tests.support.answers import Answer, answered
 from tests.support.demo_cart import PROBEWATCH
 from tests.support.simulated_cart import SimulatedCart

@@ -8,7 +8,8 @@ import pytest
 import SimpleITK as sitk  # noqa: N813  as its documentation does
 
 from appliance.storage.calibration_exchange import device_set_text, itk_text, read_itk
-from appliance.storage.calibration_file import image_to_probe, read_calibration
+from appliance.storage.calibration_file import read_calibration
+from appliance.storage.image_to_probe import image_to_probe
 from drivers.errors import ConfigurationError
 from tests.support.crossings import SIZE_PX, TRUE
 

@@ -10,13 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from appliance.storage.calibration_file import (
-    FORMAT,
-    calibration_from_image_to_probe,
-    image_to_probe,
-    read_calibration,
-    write_calibration,
-)
+from appliance.storage.calibration_file import FORMAT, read_calibration, write_calibration
+from appliance.storage.image_to_probe import calibration_from_image_to_probe, image_to_probe
 from appliance.types import PARAMETERS, Calibration
 from drivers.errors import ConfigurationError
 from drivers.rigid import rotation_from_vector, vector_from_rotation

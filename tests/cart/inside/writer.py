@@ -15,7 +15,8 @@ import numpy as np
 
 from appliance.storage.alarm_chain import Latch
 from appliance.storage.alarm_log import AlarmLog
-from appliance.storage.calibration_file import calibration_from_image_to_probe, write_calibration
+from appliance.storage.calibration_file import write_calibration
+from appliance.storage.image_to_probe import calibration_from_image_to_probe
 
 
 def main(folder: Path, port: str) -> None:

@@ -21,7 +21,8 @@ from appliance.core.quality.calibration_difference import difference
 from appliance.core.quality.proposal import proposal_fields, propose
 from appliance.service.control.server import ControlRefused, Peer
 from appliance.storage.alarm_log import AlarmLog
-from appliance.storage.calibration_file import image_to_probe, parse_calibration, read_calibration, write_calibration
+from appliance.storage.calibration_file import parse_calibration, read_calibration, write_calibration
+from appliance.storage.image_to_probe import image_to_probe
 from appliance.storage.reference_store import FOLDER, HISTORY, Entry, History, sha256_of, write_history
 from appliance.types import Calibration, Check, VerdictKind
 from drivers.rigid import rotation_from_vector

@@ -8,13 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from appliance.storage.calibration_file import (
-    _File,
-    calibration_from_image_to_probe,
-    image_to_probe,
-    read_calibration,
-    write_calibration,
-)
+from appliance.storage.calibration_file import _File, read_calibration, write_calibration
+from appliance.storage.image_to_probe import calibration_from_image_to_probe, image_to_probe
 from appliance.types import PARAMETERS, Calibration
 from drivers.recordings.metaimage_writing import SequenceItem, write_metaimage
 from drivers.rigid import rotation_from_vector, vector_from_rotation

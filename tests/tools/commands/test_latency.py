@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from appliance.storage.calibration_file import calibration_from_image_to_probe, write_calibration
+from appliance.storage.calibration_file import write_calibration
+from appliance.storage.image_to_probe import calibration_from_image_to_probe
 from drivers.errors import RecordingError
 from drivers.recordings.metaimage_writing import write_metaimage
 from drivers.recordings.replay import open_recording

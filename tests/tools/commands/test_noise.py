@@ -12,7 +12,8 @@ from appliance.configuration.config import load_config
 from appliance.configuration.noise_file import read_noise
 from appliance.core.estimator_settings import EstimatorSettings
 from appliance.limits import NAMED_NATS
-from appliance.storage.calibration_file import calibration_from_image_to_probe, write_calibration
+from appliance.storage.calibration_file import write_calibration
+from appliance.storage.image_to_probe import calibration_from_image_to_probe
 from appliance.types import Calibration
 from drivers.errors import ProbewatchError
 from drivers.recordings.metaimage_writing import write_metaimage

@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from appliance.storage.calibration_file import calibration_from_image_to_probe, image_to_probe, read_calibration
+from appliance.storage.calibration_file import read_calibration
+from appliance.storage.image_to_probe import calibration_from_image_to_probe, image_to_probe
 from drivers.files.markup import toml_of
 from drivers.recordings.metaimage_writing import SequenceItem, write_metaimage
 from drivers.rigid import vector_from_rotation

@@ -13,7 +13,8 @@ from click.testing import CliRunner
 
 from appliance.core.estimator_settings import EstimatorSettings
 from appliance.limits import Limits
-from appliance.storage.calibration_file import calibration_from_image_to_probe, write_calibration
+from appliance.storage.calibration_file import write_calibration
+from appliance.storage.image_to_probe import calibration_from_image_to_probe
 from appliance.types import Calibration
 from drivers.errors import ConfigurationError, RecordingError
 from drivers.recordings.metaimage_writing import write_metaimage

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from appliance.core.quality.check_fields import check_fields
-from appliance.storage.calibration_file import image_to_probe
+from appliance.storage.image_to_probe import image_to_probe
 from appliance.types import PARAMETERS, Calibration, Check, Fault, VerdictKind
 from drivers.rigid import rotation_from_vector
 from tools.openigtlink.estimate import estimate_of

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from appliance.service.control.server import ControlRefused, Peer
-from appliance.storage.calibration_file import calibration_from_image_to_probe
+from appliance.storage.image_to_probe import calibration_from_image_to_probe
 from appliance.types import Calibration
 from drivers.errors import ConfigurationError, ProbewatchError
 from drivers.samples import Frame, Pose, PoseStatus, Sample, Stamp

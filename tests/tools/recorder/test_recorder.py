@@ -16,7 +16,7 @@ from appliance.limits import Limits
 from appliance.service.feed.message import FeedMessage, Judged, LineStarted, Lost, Taken
 from appliance.storage.black_box import BlackBox, series_of
 from appliance.storage.black_box_fields import Begun, Gap, Item, Made, Mark, State
-from appliance.storage.calibration_file import calibration_from_image_to_probe
+from appliance.storage.image_to_probe import calibration_from_image_to_probe
 from appliance.types import Calibration, Verdict, VerdictKind
 from drivers.samples import Frame, Pose, PoseStatus, Stamp
 from drivers.twins.scene.world import WorldSettings

@@ -7,7 +7,7 @@ import pytest
 
 from appliance.core.line import Line
 from appliance.limits import Limits
-from appliance.storage.calibration_file import calibration_from_image_to_probe
+from appliance.storage.image_to_probe import calibration_from_image_to_probe
 from drivers.twins.faults import Schedule
 from drivers.twins.scene.world import WorldSettings
 from tests.support.sessions import kept, session

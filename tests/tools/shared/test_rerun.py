@@ -11,7 +11,7 @@ from appliance.core.exact_fields import verdict_fields
 from appliance.limits import Limits
 from appliance.storage.black_box import BlackBox, BlackBoxWriter, Series, series_of
 from appliance.storage.black_box_fields import Gap
-from appliance.storage.calibration_file import calibration_from_image_to_probe
+from appliance.storage.image_to_probe import calibration_from_image_to_probe
 from appliance.types import Verdict, VerdictKind
 from drivers.samples import Frame, Pose
 from drivers.twins.faults import Schedule

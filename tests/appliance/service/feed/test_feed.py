@@ -22,7 +22,7 @@ from appliance.service.feed.message import FeedMessage, Judged, LineStarted, Los
 from appliance.service.feed.process_host import FeedHost
 from appliance.service.feed.request import FeedRequest
 from appliance.service.feed.server import MOST_CLIENTS, MOST_UNSENT, reduced
-from appliance.storage.calibration_file import calibration_from_image_to_probe
+from appliance.storage.image_to_probe import calibration_from_image_to_probe
 from appliance.types import Calibration, Verdict
 from drivers.errors import DeviceLost
 from drivers.samples import Frame, Pose, PoseStatus, Sample, Stamp
