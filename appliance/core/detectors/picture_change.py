@@ -11,7 +11,7 @@ from itertools import product
 import cv2
 import numpy as np
 
-from appliance.core.detectors.picture_link import DARK, parts_shown
+from appliance.core.detectors.picture_link import DARK, contrast_of, parts_shown
 from appliance.core.detectors.polarity import POLARITIES
 from appliance.core.detectors.stretch import lines_between, stretch_between, warped
 from appliance.core.registration.pyramid import Array32
@@ -96,7 +96,7 @@ def shift_of(before: Array32, now: Array32, expected: Array32) -> Array | None:
     """
     rows, columns = before.shape[0] // 3, before.shape[1] // 3
     middle = before[rows : before.shape[0] - rows, columns : before.shape[1] - columns]
-    if middle.size == 0 or float(middle.std()) < _LEAST_GREY:
+    if contrast_of(middle) < _LEAST_GREY:
         return None
     _, best, _, (column, row) = cv2.minMaxLoc(cv2.matchTemplate(now, middle, cv2.TM_CCOEFF_NORMED))
     if best <= max(likeness(expected, now) + _STRETCH_BETTER_BY, _LEAST_LIKENESS):
@@ -179,7 +179,7 @@ def _best_match(around: Array32, template: Array32) -> float:
     """Best correlation of the template with any place that shows as much as it does; 0 where there is nothing to
     compare.
     """
-    contrast = float(template.std()) if template.size else 0.0
+    contrast = contrast_of(template)
     if contrast < _LEAST_GREY:
         return 0.0
     likeness = cv2.matchTemplate(around, template, cv2.TM_CCOEFF_NORMED)

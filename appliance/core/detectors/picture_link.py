@@ -137,9 +137,9 @@ def contrasts(picture: Array32) -> Array:
     return np.where(levels >= _LEAST_FINE_GREY, np.log(np.maximum(levels, _LEAST_FINE_GREY)), np.nan)
 
 
-def _contrast(image: Array32) -> float:
-    """Standard deviation of its grey levels: as numpy's, in a tenth of the time."""
-    return float(cv2.meanStdDev(image)[1].item())
+def contrast_of(image: Array32) -> float:
+    """Standard deviation of its grey levels, 0 of an empty one: as numpy's, in a tenth of the time."""
+    return 0.0 if image.size == 0 else float(cv2.meanStdDev(image)[1].item())
 
 
 def _deviations(picture: Array32) -> Array:
@@ -215,7 +215,7 @@ def _part_likeness(before: Array32, now: Array32, part: tuple[slice, slice], shi
     template, around = before[rows, columns], now[top : max(bottom, 0), left : max(right, 0)]
     if around.shape[0] < template.shape[0] or around.shape[1] < template.shape[1]:
         return None
-    contrast = _contrast(template)
-    if contrast < _LEAST_GREY or _contrast(around) < DARK * contrast:
+    contrast = contrast_of(template)
+    if contrast < _LEAST_GREY or contrast_of(around) < DARK * contrast:
         return None
     return float(cv2.matchTemplate(around, template, cv2.TM_CCOEFF_NORMED).max())
