@@ -18,7 +18,7 @@ from starlette.routing import Route
 from tests.support.polling import until
 from tests.support.web_page import WebPage
 from tests.tools.page.test_page import answering, asked, web
-from tools.page import connection, server
+from tools.page import connection, request_body
 from tools.page.pace import Pace
 
 __all__ = ["answering", "web"]
@@ -53,7 +53,7 @@ async def _quick(_: Request) -> Response:
 
 
 async def _body(request: Request) -> Response:
-    return PlainTextResponse(str(await server._body(request)))
+    return PlainTextResponse(str(await request_body.body_of(request)))
 
 
 @pytest.fixture
@@ -71,7 +71,7 @@ def address(served: uvicorn.Server, listener: socket.socket) -> Address:
 @pytest.fixture
 def served(listener: socket.socket, monkeypatch: pytest.MonkeyPatch) -> Iterator[uvicorn.Server]:
     """With a shorter timeout than that of the page."""
-    for module, name in ((connection, "_SILENT_S"), (connection, "_ASLEEP_S"), (server, "_BODY_S")):
+    for module, name in ((connection, "_SILENT_S"), (connection, "_ASLEEP_S"), (request_body, "_BODY_S")):
         monkeypatch.setattr(module, name, 0.25)
     routes = [
         Route("/", _slow),
@@ -80,7 +80,7 @@ def served(listener: socket.socket, monkeypatch: pytest.MonkeyPatch) -> Iterator
         Route("/endless", _endless),
         Route("/body", _body, methods=["POST"]),
     ]
-    app, kind = Starlette(routes=routes, exception_handlers=server.BODY_HANDLERS), connection.Connection
+    app, kind = Starlette(routes=routes, exception_handlers=request_body.BODY_HANDLERS), connection.Connection
     config = uvicorn.Config(app, http=kind, lifespan="off", log_config=None, timeout_graceful_shutdown=1)
     served = uvicorn.Server(config)
     thread = threading.Thread(target=served.run, kwargs={"sockets": [listener]})
@@ -184,7 +184,7 @@ def test_a_crowd_that_sends_heads_without_bodies_keeps_nobody_from_it(
     served: uvicorn.Server, address: Address, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Bodies may take longer than this test."""
-    monkeypatch.setattr(server, "_BODY_S", 60.0)
+    monkeypatch.setattr(request_body, "_BODY_S", 60.0)
     monkeypatch.setattr(connection.Connection, "most", 3)
     with ExitStack() as crowd:
         for _ in range(3):

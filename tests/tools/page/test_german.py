@@ -132,7 +132,7 @@ REFUSALS = {
     "ScanRefused",
     "ConfigurationError",
     "IndexError",
-    "_refused",
+    "refused",
     "_nothing",
     "_give_up",
     "_abort",
