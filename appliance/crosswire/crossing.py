@@ -95,12 +95,6 @@ phase in which their echoes meet, a plane that misses the crossing by a tenth of
 _SPECKLE_DB = 5.57
 """Standard deviation of fully developed speckle in dB, so that its scatter in greys says how many greys are 1 dB."""
 
-_DRAWN_GREY = 30
-_DRAWN_RANGE_GREY = 16
-"""Brighter than the first and changed by less than the second in every picture so far is drawn. Less of the first, or
-more of the second, takes the still background for drawn; the reverse leaves letters behind. Not measured.
-"""
-
 
 class NoCrossing(Enum):
     """Why a picture holds no crossing that may be measured."""
@@ -132,27 +126,6 @@ class Crossing:
     covariance_px: Vector
     spread_px: float
     confidence: float
-
-
-class Drawings:
-    """What the scanner draws over the picture: bright, and unchanged in every picture so far.
-
-    The wires themselves count as drawn until they have moved, so nothing is measured on half a spot.
-    """
-
-    def __init__(self) -> None:
-        self._darkest: GreyImage | None = None
-        self._brightest: GreyImage | None = None
-
-    def step(self, image: GreyImage) -> NDArray[np.uint8]:
-        """Take the next picture; (h, w) uint8, non-zero on and next to what never changed."""
-        if self._darkest is None or self._brightest is None or self._darkest.shape != image.shape:
-            self._darkest, self._brightest = image.copy(), image.copy()
-        cv2.min(self._darkest, image, self._darkest)
-        cv2.max(self._brightest, image, self._brightest)
-        still = cv2.subtract(self._brightest, self._darkest) < _DRAWN_RANGE_GREY
-        drawn = (still & (self._darkest > _DRAWN_GREY)).astype(np.uint8)
-        return np.asarray(cv2.dilate(drawn, np.ones((5, 5), np.uint8)), np.uint8)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -187,7 +160,7 @@ def find_crossing(
 ) -> Crossing | Missed:
     """The crossing in one picture (h, w) uint8, or why there is none.
 
-    drawn: of Drawings, for this picture. scale_mm_per_px: (lateral, axial), right within a factor of two.
+    drawn: of `Drawings`, for this picture. scale_mm_per_px: (lateral, axial), right within a factor of two.
     """
     smooth, scatter, spots = _looked(image, drawn, scale_mm_per_px, _RIVAL_SHARE)
     wires = [spot for spot in spots if spot.refusal is None]

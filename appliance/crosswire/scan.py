@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from appliance.core.acquisition.pairing import Pairing
-from appliance.crosswire.crossing import ROUGH_SCALE_MM_PER_PX, Crossing, Drawings, Missed, NoCrossing, find_crossing
+from appliance.crosswire.crossing import ROUGH_SCALE_MM_PER_PX, Crossing, Missed, NoCrossing, find_crossing
+from appliance.crosswire.drawings import Drawings
 from appliance.types import StampedPair, Vector
 from drivers.rigid import interpolate
 from drivers.samples import Frame, Matrix4, Pose

@@ -4,7 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from appliance.crosswire.crossing import Crossing, Drawings, Missed, NoCrossing, find_crossing
+from appliance.crosswire.crossing import Crossing, Missed, NoCrossing, find_crossing
+from appliance.crosswire.drawings import Drawings
 from drivers.twins.scene.world import World, WorldSettings
 
 SHAPE = (240, 320)

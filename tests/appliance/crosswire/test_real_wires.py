@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from appliance.crosswire.crossing import Drawings, find_echoes
+from appliance.crosswire.crossing import find_echoes
+from appliance.crosswire.drawings import Drawings
 from appliance.crosswire.latency import BottomLine
 from drivers.recordings.replay import open_recording
 from tests.support.recordings import plus_file, with_late_poses
