@@ -4,62 +4,49 @@ service.
 
 import contextlib
 import sys
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from datetime import UTC, date, datetime
 from functools import partial
-from importlib.metadata import version
 from pathlib import Path
 
 import click
-import numpy as np
-from rich.console import Console
 
-from appliance.configuration.config import Config, load_config
 from appliance.crosswire.offset import (
     Demand,
-    OffsetSolution,
-    ScanRefused,
-    refuse_slid,
     renewed,
-    solve_offset,
-    solve_zeta,
 )
-from appliance.crosswire.scan import CrosswireScan
 from appliance.crosswire.water import RANGE_C, SCANNER_M_S
 from appliance.service.control.client import ControlClient
 from appliance.service.control.server import ControlRefused
 from appliance.storage.calibration_file import (
     TOML_BEGINS,
-    calibration_bytes,
     check_own_name,
-    is_device_set,
     write_calibration,
 )
-from appliance.storage.reference import candidate_from_content, in_force
-from appliance.types import Calibration
 from drivers.errors import ConfigurationError
-from drivers.files.atomic_file import check_replaceable, check_writable, make_folder
+from drivers.files.atomic_file import check_replaceable, check_writable
+from tools.recalibration.live_service import live_service, scan_live
 from tools.recalibration.paperwork import Begin, Signature, signed
 from tools.recalibration.paperwork import sign_off as signed_by_both
-from tools.recalibration.session import ScanSession
-from tools.recalibration.terminal import run, words
+from tools.recalibration.recorded_scan import (
+    InForce,
+    calibration_in_force,
+    check_size,
+    print_solution,
+    provenance,
+    scanned,
+    solved,
+)
+from tools.recalibration.terminal import words
 from tools.shared.calendar_option import DAY
-from tools.shared.crosswire_input import ScanInput, recorded, simulated, simulated_reference
+from tools.shared.crosswire_input import recorded, simulated
 from tools.shared.crosswire_whole import WholeOptions, solve_all, sound
 from tools.shared.interruption import stopped_saying
-from tools.shared.named_cart import SOCKET, config_option, named_or_own, saying_how_to_start
+from tools.shared.named_cart import config_option, saying_how_to_start
 from tools.shared.sign_off import SignOff, user
-from tools.shared.status_watch import StatusWatch
-from tools.shared.tables import FittingTable
-from tools.shared.terminal import progress_bar
-from tools.shared.unit_sight import unseen
 from tools.shared.verification import accepted, await_verification, recalibrating, refuse_simulated, reporting_change
 from tools.shared.without_effect import refuse_typed
 
-_LOOK_S = 0.2
-"""Between two questions to the service during a live scan: four of its ticks."""
-_FOLDER = "calibrations"
-"""Of the alarm log's folder: the package lets members of the group write there."""
 _RECORDED_ALONE = (
     "--calibration",
     "--output",
@@ -85,8 +72,6 @@ _RECORDING_ALONE = ("--reference", "--orientation")
 _NOBODY = (
     "no scan was started: there is no terminal to ask at. Give --probe, --preset, --made-by, --signed-by and --role"
 )
-_COMPONENTS = ("offset lateral", "offset axial", "ζ (elevational)")
-
 _HELP = """Scan a cross-wire, solve ζ, write a new calibration, and let the service verify it.
 
 ζ is the part of the calibration that watching cannot see: how far the picture's plane lies before or behind the
@@ -118,15 +103,6 @@ Exit code 0: written and, where a service was told, verified. 65: the scan or th
 69: no service answers, or it lost a device. 75: declined, as while somebody else recalibrates, or not verified in
 time. 78: a file or an option cannot be used.
 """
-
-
-@dataclass(frozen=True, slots=True)
-class _Reference:
-    """The calibration in force. `file` is None where it is the simulated one."""
-
-    calibration: Calibration
-    file: Path | None = None
-    sha256: str = ""
 
 
 @click.command(name="recalibrate", help=_HELP)
@@ -260,8 +236,8 @@ def command(
         nobody = unchecked or "no confirmation was asked for (--signed-by)"
         signature = Signature(signed_by, role, comment, unchecked=nobody) if signed_by else None
         _refuse_signed(chosen, signature)
-        service = _live_service(config_file, socket, feed, folder)
-        _live(service, chosen if signature else _asked(chosen), signature)
+        service = live_service(config_file, socket, feed, folder)
+        scan_live(service, chosen if signature else _asked(chosen), signature)
         return
     sign_off = SignOff(
         made_by or user(), signed_by, role, comment, reason, probe_serial, preset, _day(due), _day(expires)
@@ -276,17 +252,19 @@ def command(
     scan_input = (
         simulated(seed, duration, program) if recording is None else recorded(recording, probe, reference, orientation)
     )
-    before, socket = _in_force(config_file, socket, calibration, simulate, scan_input.size_px, probe, solve == "all")
+    before, socket = calibration_in_force(
+        config_file, socket, calibration, simulate, scan_input.size_px, probe, solve == "all"
+    )
     target = output or _dated(before)
     _check_target(target, force)
     if before is not None:
-        _check_size(before, scan_input)
+        check_size(before, scan_input)
     if simulate and socket is not None:
         refuse_simulated(socket)
     sound(water_c, scanner_m_s, correct_sound)
     with reporting_change(socket), contextlib.nullcontext() if socket is None else ControlClient(socket) as client:
         with recalibrating(client):
-            scan = _scanned(scan_input, latency_ms or 0.0)
+            scan = scanned(scan_input, latency_ms or 0.0)
             if solve == "all":
                 reading = partial(recorded, probe=probe, reference=reference, orientation=orientation)
                 after, record = solve_all(
@@ -294,10 +272,10 @@ def command(
                 )
             else:
                 assert before is not None
-                solution = _solved(scan, before.calibration, solve, Demand(sigma_mm=sigma_mm))
-                _print(solution, before.calibration)
+                solution = solved(scan, before.calibration, solve, Demand(sigma_mm=sigma_mm))
+                print_solution(solution, before.calibration)
                 after = renewed(before.calibration, solution)
-                record = {**_provenance(solution, before, scan_input), **sign_off.fields()}
+                record = {**provenance(solution, before, scan_input), **sign_off.fields()}
             _check_target(target, force)
             after = replace(
                 after,
@@ -355,94 +333,7 @@ def _day(moment: datetime | None) -> date | None:
     return None if moment is None else moment.date()
 
 
-@dataclass(frozen=True, slots=True)
-class _Service:
-    """The service on which a live scan is made. `control` and `pictures` are its sockets; `place` is the folder of the
-    new file.
-    """
-
-    control: Path
-    pictures: Path
-    place: Path
-
-
-def _live_service(config_file: Path | None, socket: Path | None, feed: Path | None, folder: Path | None) -> _Service:
-    """Returns the service. Raises ConfigurationError, DeviceLost or ControlRefused before any question, so that no
-    answer is typed in vain, as with no service or during another recalibration.
-    """
-    named = named_or_own(config_file, socket)
-    config = None if named is None else load_config(named)
-    control = socket or (None if config is None else config.control.socket)
-    if control is None:
-        raise click.UsageError("name the service: --config FILE, or --socket")
-    pictures = feed or (None if config is None else config.feed_socket) or control.with_name("feed")
-    service = _Service(control, pictures, _live_folder(folder, config, control))
-    with ControlClient(control) as client:
-        begun = client.status().get("recalibration")
-    if begun and begun["ended"] is None:
-        what = f"{begun['who']} has recalibrated for {begun['since_s']:.0f} s"
-        raise ControlRefused(what, str(control), "Wait, or end it there")
-    return service
-
-
-def _live(service: _Service, begin: Begin, signature: Signature | None) -> None:
-    with (
-        reporting_change(service.control),
-        StatusWatch(service.control, _LOOK_S) as watch,
-        ScanSession(service.control, service.pictures, service.place, watch) as session,
-    ):
-        run(session, begin, signature)
-
-
-def _live_folder(folder: Path | None, config: Config | None, control: Path) -> Path:
-    """Returns a folder for the new file that the service can read; its unit has no access to home folders. Raises
-    ConfigurationError before the scan, not after it.
-    """
-    place = folder or (Path() if config is None else config.alarm.folder / _FOLDER)
-    if control == SOCKET and (why := unseen(place)):
-        raise ConfigurationError(why.partition(". ")[0], str(place), "Name another --folder, or leave it out")
-    try:
-        make_folder(place)
-    except OSError as error:
-        what = f"cannot be made ({error.strerror})"
-        raise ConfigurationError(what, str(place), "Be a member of the group probewatch, or name a --folder") from None
-    check_writable(place / "new.toml")
-    return place.absolute()
-
-
-def _in_force(
-    config_file: Path | None,
-    socket: Path | None,
-    calibration: Path | None,
-    simulate: bool,
-    size_px: tuple[int, int],
-    probe: str | None,
-    may_lack: bool,
-) -> tuple[_Reference | None, Path | None]:
-    """Returns the calibration in force and the socket of the service; explicit options take precedence over the
-    configuration.
-
-    `size_px` is (width, height) of the scan's pictures, which a device set does not state. `may_lack` allows that there
-    is none.
-    """
-    config = None if config_file is None else load_config(config_file)
-    socket = socket if config is None else socket or config.control.socket
-    if calibration is not None:
-        content = calibration_bytes(calibration)
-        needed_px = size_px if is_device_set(content) else None
-        before = candidate_from_content(content, str(calibration), needed_px, probe or "Probe")
-    elif config is not None:
-        before = in_force(config, size_px)
-    elif simulate:
-        return _Reference(simulated_reference()), socket
-    elif may_lack:
-        return None, socket
-    else:
-        raise click.UsageError("give the calibration in force: --calibration FILE, or --config FILE of the service")
-    return _Reference(before.calibration, Path(before.file), before.sha256), socket
-
-
-def _dated(before: _Reference | None) -> Path:
+def _dated(before: InForce | None) -> Path:
     file = Path("probe.toml") if before is None else before.file or Path("simulated.toml")
     return file.with_name(f"{file.stem}-{datetime.now(UTC):%Y%m%dT%H%M%SZ}.toml")
 
@@ -456,75 +347,7 @@ def _check_target(target: Path, force: bool) -> None:
     check_writable(target)
 
 
-def _check_size(before: _Reference, scan_input: ScanInput) -> None:
-    size_px = before.calibration.image_size_px
-    if size_px != scan_input.size_px:
-        what = f"its pictures are {scan_input.size_px}, the calibration in force is for {size_px} px"
-        raise ConfigurationError(what, scan_input.name, "Scan with the scanner setting that the calibration belongs to")
-
-
-def _scanned(scan_input: ScanInput, latency_ms: float) -> CrosswireScan:
-    scan = CrosswireScan(latency_ms)
-    if scan_input.file is None and not sys.stderr.isatty():  # no bar is shown, and drawing the pictures takes a minute
-        click.echo(f"looking at {scan_input.name}: {scan_input.total} pictures and poses", err=True)
-    with progress_bar("crossing seen in {task.fields[seen]} of {task.fields[pictures]} pictures") as progress:
-        task = progress.add_task("scan", total=scan_input.total, seen=0, pictures=0)
-        for sample in scan_input.samples:
-            scan.step(sample)
-            progress.update(task, advance=1, seen=scan.sightings, pictures=scan.pictures)
-    scan.finish()
-    return scan
-
-
-def _solved(scan: CrosswireScan, before: Calibration, solve: str, demand: Demand) -> OffsetSolution:
-    """Solves the scan. Raises ScanRefused, with what the pictures showed where the crossing was rarely seen."""
-    views = scan.views
-    click.echo(f"{scan.pictures} pictures, crossing seen in {scan.sightings}, {len(views)} passages through its plane")
-    for reason, number in scan.refused.most_common():
-        click.echo(f"  {number} without: {reason}")
-    if not views:
-        remedy = "See that the wires show brightly, and pass through their crossing slowly, to and fro"
-        raise ScanRefused("no passage through the crossing was found", "cross-wire scan", remedy)
-    crossings_px, poses = np.array([view.centre_px for view in views]), np.array([view.matrix for view in views])
-    if solve == "offset":
-        return solve_offset(crossings_px, poses, before, demand)
-    refuse_slid(crossings_px, poses, before)
-    return solve_zeta(crossings_px, poses, before, demand)
-
-
-def _print(solution: OffsetSolution, before: Calibration) -> None:
-    parts = zip(_COMPONENTS, before.offset_mm, solution.offset_mm, solution.sigma_mm, strict=True)
-    rows = [
-        (name, f"{old:.2f}", f"{new:.2f}", f"{sigma:.2f}" if np.isfinite(sigma) else "kept")
-        for name, old, new, sigma in parts
-    ]
-    rows.append(("size of the cloud", f"{solution.cloud_before_mm:.2f}", f"{solution.cloud_after_mm:.2f}", ""))
-    Console(file=sys.stdout, highlight=False).print(FittingTable(("mm", "before", "after", "± 1σ"), rows), crop=False)
-    click.echo(f"views: {solution.views}, and {solution.rejected} rejected")
-    click.echo(f"tilt spread: {solution.tilt_sd_deg:.1f}° (at least {solution.tilt_needed_deg:.1f}° needed)")
-    click.echo(f"localisation: {solution.localisation_mm:.2f} mm per view and axis")
-
-
-def _provenance(solution: OffsetSolution, before: _Reference, scan_input: ScanInput) -> dict[str, str]:
-    stated = [
-        f"{name} {new:.4f} ± {sigma:.4f} mm, before {old:.4f}"
-        for name, new, sigma, old in zip(
-            _COMPONENTS, solution.offset_mm, solution.sigma_mm, before.calibration.offset_mm, strict=True
-        )
-        if np.isfinite(sigma)
-    ]
-    return {
-        "when": datetime.now(UTC).isoformat(timespec="seconds"),
-        "how": f"probewatch {version('probewatch')} recalibrate, cross-wire, closed form",
-        "input": scan_input.name,
-        "solved": "; ".join(stated),
-        "views": f"{solution.views} used, {solution.rejected} rejected",
-        "tilt_spread_deg": f"{solution.tilt_sd_deg:.2f}",
-        "localisation_mm": f"{solution.localisation_mm:.4f}",
-    }
-
-
-def _previous(before: _Reference | None) -> dict[str, str]:
+def _previous(before: InForce | None) -> dict[str, str]:
     if before is None:
         return {"who": user(), "previous_file": "none"}
     file = "simulated" if before.file is None else str(before.file.absolute())

@@ -1,0 +1,80 @@
+"""The service on which a live scan of `probewatch recalibrate` is made."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import click
+
+from appliance.configuration.config import Config, load_config
+from appliance.service.control.client import ControlClient
+from appliance.service.control.server import ControlRefused
+from drivers.errors import ConfigurationError
+from drivers.files.atomic_file import check_writable, make_folder
+from tools.recalibration.paperwork import Begin, Signature
+from tools.recalibration.session import ScanSession
+from tools.recalibration.terminal import run
+from tools.shared.named_cart import SOCKET, named_or_own
+from tools.shared.status_watch import StatusWatch
+from tools.shared.unit_sight import unseen
+from tools.shared.verification import reporting_change
+
+_LOOK_S = 0.2
+"""Between two questions to the service during a live scan: four of its ticks."""
+_FOLDER = "calibrations"
+"""Of the alarm log's folder: the package lets members of the group write there."""
+
+
+@dataclass(frozen=True, slots=True)
+class LiveService:
+    """The service on which a live scan is made. `control` and `pictures` are its sockets; `place` is the folder of the
+    new file.
+    """
+
+    control: Path
+    pictures: Path
+    place: Path
+
+
+def live_service(config_file: Path | None, socket: Path | None, feed: Path | None, folder: Path | None) -> LiveService:
+    """Returns the service. Raises ConfigurationError, DeviceLost or ControlRefused before any question, so that no
+    answer is typed in vain, as with no service or during another recalibration.
+    """
+    named = named_or_own(config_file, socket)
+    config = None if named is None else load_config(named)
+    control = socket or (None if config is None else config.control.socket)
+    if control is None:
+        raise click.UsageError("name the service: --config FILE, or --socket")
+    pictures = feed or (None if config is None else config.feed_socket) or control.with_name("feed")
+    service = LiveService(control, pictures, _live_folder(folder, config, control))
+    with ControlClient(control) as client:
+        begun = client.status().get("recalibration")
+    if begun and begun["ended"] is None:
+        what = f"{begun['who']} has recalibrated for {begun['since_s']:.0f} s"
+        raise ControlRefused(what, str(control), "Wait, or end it there")
+    return service
+
+
+def scan_live(service: LiveService, begin: Begin, signature: Signature | None) -> None:
+    """Leads a person at the terminal through the scan."""
+    with (
+        reporting_change(service.control),
+        StatusWatch(service.control, _LOOK_S) as watch,
+        ScanSession(service.control, service.pictures, service.place, watch) as session,
+    ):
+        run(session, begin, signature)
+
+
+def _live_folder(folder: Path | None, config: Config | None, control: Path) -> Path:
+    """Returns a folder for the new file that the service can read; its unit has no access to home folders. Raises
+    ConfigurationError before the scan, not after it.
+    """
+    place = folder or (Path() if config is None else config.alarm.folder / _FOLDER)
+    if control == SOCKET and (why := unseen(place)):
+        raise ConfigurationError(why.partition(". ")[0], str(place), "Name another --folder, or leave it out")
+    try:
+        make_folder(place)
+    except OSError as error:
+        what = f"cannot be made ({error.strerror})"
+        raise ConfigurationError(what, str(place), "Be a member of the group probewatch, or name a --folder") from None
+    check_writable(place / "new.toml")
+    return place.absolute()
