@@ -13,6 +13,11 @@ _MOST_PARTS = 8
 _MOST_NESTED = 16
 """Brackets in brackets; a matrix of a calibration needs two."""
 
+_MOST_BITS = 63
+"""Of a whole number, as TOML has them. A longer one in hexadecimal cannot even be quoted in the refusal of a value, as
+Python prints 4300 digits at most: the service ended with it.
+"""
+
 _STRING = (
     r'"""(?:\\.|[^\\])*?"{3,5}',
     r"'''.*?'{3,5}",
@@ -49,13 +54,16 @@ def text_of(data: bytes) -> str:
 
 
 def toml_of(data: bytes, most_bytes: int) -> dict[str, Any]:
-    """The table of a TOML file. Raises ValueError: NotUtf8Error, larger, deeper than a configuration ever is, or no
-    TOML."""
+    """The table of a TOML file. Raises ValueError: NotUtf8Error, larger, deeper or with longer numbers than a
+    configuration ever is, or no TOML.
+    """
     if len(data) > most_bytes:
         raise ValueError(f"too large (over {most_bytes // 1000} kB)")
     text = text_of(data)
     _check_nesting(_STRING_OR_COMMENT.sub(lambda found: "" if found[0].startswith("#") else "_", text))
-    return tomllib.loads(text)
+    table = tomllib.loads(text)
+    _check_numbers(table)
+    return table
 
 
 def xml_of(data: bytes) -> ET.Element:
@@ -88,6 +96,15 @@ def _check_nesting(text: str) -> None:
         depth = depth + 1 if bracket in "[{" else max(depth - 1, 0)
         if depth > _MOST_NESTED:
             raise ValueError(f"more than {_MOST_NESTED} brackets in each other")
+
+
+def _check_numbers(value: object) -> None:
+    """value: of a table that is not nested deeper than `_check_nesting` allows."""
+    if isinstance(value, int) and value.bit_length() > _MOST_BITS:
+        raise ValueError(f"a whole number of more than {_MOST_BITS} bits")
+    if isinstance(value, dict | list):
+        for one in value.values() if isinstance(value, dict) else value:
+            _check_numbers(one)
 
 
 class _Builder(ET.TreeBuilder):

@@ -9,6 +9,9 @@ import random
 import socket
 from pathlib import Path
 
+import pytest
+
+from drivers.errors import ProbewatchError
 from tests.support.simulated_cart import SimulatedCart
 
 WITH_FILE = ("propose-calibration", "end-recalibration")
@@ -73,3 +76,20 @@ def test_a_thousand_hostile_inputs_change_nothing(monitoring: SimulatedCart) -> 
     assert monitoring.switched(began_s) == []
     assert after["counters"]["device_losses"] == before["counters"]["device_losses"]
     assert after["counters"]["dropped_clients"] > before["counters"]["dropped_clients"]
+
+
+@pytest.mark.parametrize("do", ["propose-calibration", "end-recalibration", "reload"])
+def test_a_file_whose_mistake_cannot_be_quoted_is_refused_and_ends_nothing(
+    monitoring: SimulatedCart, tmp_path: Path, do: str
+) -> None:
+    """A member of the group names the file; the exception ended the service."""
+    file = tmp_path / "long.toml"
+    file.write_text(f'format = "probewatch-calibration"\nversion = 1\nimage_size_px = [0x{"f" * 4000}, 480]\n')
+    if do == "reload":
+        monitoring.config.write_text(monitoring.config.read_text() + f"limits.offset_mm = 0x{'f' * 4000}\n")
+    with monitoring.client() as client:
+        if do == "end-recalibration":
+            client.begin_recalibration()
+        with pytest.raises(ProbewatchError, match="a whole number of more than 63 bits"):
+            client._ask(do=do, **({} if do == "reload" else {"file": str(file)}))
+    assert monitoring.contact() is (do != "end-recalibration")

@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from appliance.configuration.config import load_config
+from appliance.configuration.noise_file import read_noise
 from appliance.storage.calibration_file import read_calibration
 from drivers.errors import ConfigurationError
 from drivers.files.markup import toml_of, xml_of
@@ -27,6 +28,13 @@ NESTED = {
     "in an inline table": "b = { " + DOTTED.strip() + " }\n",
     "lists": "a = " + "[" * 7900 + "]" * 7900 + "\n",
     "inline tables": "a = " + "{a=" * 3900 + "1" + "}" * 3900 + "\n",
+}
+LONG_NUMBERS = {
+    "hexadecimal": f"version = 0x{'f' * 4000}\n",
+    "binary": f"version = 0b{'1' * 15_000}\n",
+    "in a list": f"image_size_px = [0x{'f' * 4000}, 480]\n",
+    "in a section": f"[limits]\nrotation_deg = 0o{'7' * 6000}\n",
+    "one bit more than TOML has": f"version = {1 << 63}\n",
 }
 SPENDS = """
 import resource, sys, time
@@ -63,6 +71,16 @@ def test_nesting_that_no_configuration_has_is_refused_before_it_is_built(tmp_pat
         with pytest.raises(ConfigurationError, match=r"a key of more than 8 parts|more than 16 brackets"):
             read(path)
         assert time.thread_time() - began_s < 0.2
+
+
+@pytest.mark.parametrize("text", LONG_NUMBERS.values(), ids=LONG_NUMBERS)
+def test_a_number_too_long_to_be_quoted_is_refused(tmp_path: Path, text: str) -> None:
+    """Python prints 4300 digits at most, and TOML has no bound for hexadecimal ones."""
+    path = tmp_path / "long.toml"
+    path.write_text(text)
+    for read in (load_config, read_noise, lambda path: read_calibration(path, (640, 480))):
+        with pytest.raises(ConfigurationError, match="a whole number of more than 63 bits"):
+            read(path)
 
 
 @pytest.mark.parametrize("kind", ["config", "calibration"])
