@@ -8,6 +8,7 @@ from pathlib import Path
 from appliance.core.quality.trend import Trend
 from appliance.storage.reference_dates import Dates
 from appliance.types import State
+from drivers.printable import LONGEST_TEXT, printable
 from tools.report.page import section, table, text, write_page
 from tools.report.period import OFF, Alarm, InForce, Summary, per_fault, share
 from tools.report.svg import Plot
@@ -275,7 +276,14 @@ def _self_tests(found: Summary) -> str:
     for test in found.self_tests:
         red = [str(item.get("name")) for item in test["items"] if not item.get("green")]
         passed = "+passed" if test.get("passed") else "!failed"
-        rows.append((_utc_minute(str(test["utc"])), passed, str(test.get("operator") or "–"), ", ".join(red) or "–"))
+        rows.append(
+            (
+                _utc_minute(str(test["utc"])),
+                passed,
+                printable(str(test.get("operator") or "–")),
+                printable(", ".join(red), LONGEST_TEXT) or "–",
+            )
+        )
     return table(("UTC", "result", "by", "red"), rows)
 
 

@@ -14,6 +14,7 @@ from typing import Any
 
 from appliance.storage.alarm_chain import GENESIS, digest_of
 from drivers.files.regular_file import read_bounded
+from drivers.printable import printable
 
 _MOST_BYTES = 1_000_000
 """Of the record of a self-test, which has some kB."""
@@ -43,15 +44,23 @@ def read_self_tests(folder: Path) -> Records:
         try:
             kept.append((file.name, _parsed(json.loads(read_bounded(file, _MOST_BYTES)))))
         except (OSError, ValueError, KeyError, TypeError, RecursionError, OverflowError):
-            faults.append(f"{file.name} cannot be read")
+            faults.append(f"{printable(file.name)} cannot be read")
     kept.sort(key=lambda named: str(named[1]["utc"]))
     faults += _broken(kept)
     return Records([record for _, record in kept], faults)
 
 
 def _parsed(record: dict[str, Any]) -> dict[str, Any]:
+    """Raises what `read_self_tests` takes for a record that cannot be read: any member of the group may have put it
+    there.
+    """
     datetime.fromisoformat(str(record["utc"])).astimezone(UTC)
-    return {**record, "items": [dict(item) for item in record["items"]]}
+    items = [dict(item) for item in record["items"]]
+    for item in items:
+        float(item.get("figure") or 0.0)
+    if not all(isinstance(record.get(name, ""), str) for name in ("digest", "previous")):
+        raise TypeError("a digest is text")
+    return {**record, "items": items}
 
 
 def _broken(kept: list[tuple[str, dict[str, Any]]]) -> Iterator[str]:
@@ -60,7 +69,8 @@ def _broken(kept: list[tuple[str, dict[str, Any]]]) -> Iterator[str]:
     """
     digests = {record.get("digest") for _, record in kept} | {GENESIS}
     chained = False
-    for name, record in kept:
+    for file, record in kept:
+        name = printable(file)
         if "digest" not in record:
             if chained:
                 yield f"{name} has no digest, though one before it has: it was put in or changed"

@@ -51,6 +51,18 @@ def test_what_was_edited_or_taken_out_is_told(folder: Path, change: Callable[[Pa
     assert any(told in fault for fault in read_self_tests(folder).faults)
 
 
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [("digest", [1]), ("previous", {}), ("items", [{"figure": 10**400}]), ("items", [{"figure": "x"}])],
+)
+def test_what_somebody_else_put_there_is_told_and_the_rest_is_read(folder: Path, field: str, value: object) -> None:
+    """Each ended the report, or the next self-test, with a traceback."""
+    record = {"utc": "2026-01-02T08:00:00+00:00", "items": [], "previous": "", "digest": "", field: value}
+    (folder / "other\x1b[2J.json").write_text(json.dumps(record))
+    records = read_self_tests(folder)
+    assert (len(records.kept), records.faults) == (3, ["other\N{REPLACEMENT CHARACTER}[2J.json cannot be read"])
+
+
 def test_a_clock_that_was_set_back_breaks_no_chain(folder: Path) -> None:
     (folder / "3.json").rename(folder / "4.json")
     record = {"utc": "2025-12-01T07:00:00+00:00", "passed": True, "items": []}
