@@ -41,6 +41,8 @@ _LOOKED_AT = 10
 _LISTS = (b"#EXTM3U", b"ffconcat", b"ID3")
 """Beginnings of files that FFmpeg takes for lists of other films, wherever those lie, and of the tag that it skips
 before it looks for such a beginning."""
+_PATTERN = re.compile(r"%[0-9]*d|%[*?\[\]{}]")
+"""In a name it is a pattern to FFmpeg, of a file for each picture."""
 _MOST_TABLE_BYTES = 256_000_000
 """Size of a table, all of which is kept: as much as the header of a sequence may have."""
 _MATRIX = tuple(f"m{row}{column}" for row in range(3) for column in range(4))
@@ -121,9 +123,13 @@ class Film:
         if head.startswith(_LISTS):
             what = "is a list of other files, not a film that holds its own pictures"
             raise RecordingError(what, str(self.path), "Convert it to MP4 or MKV where those files are yours")
+        place = str(self.path.absolute())  # from / on: FFmpeg takes what stands before a colon for a protocol
+        if _PATTERN.search(place):
+            what = "has a % in its name or folder that stands for the numbers of other files"
+            raise RecordingError(what, str(self.path), "Rename it without the %")
         os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # no lines of its own between those of the command
         cv2.utils.logging.setLogLevel(0)
-        film = cv2.VideoCapture(str(self.path), cv2.CAP_FFMPEG)
+        film = cv2.VideoCapture(place, cv2.CAP_FFMPEG)
         if not film.isOpened():
             remedy = "Copy it again where it is cut, else convert it to MP4 or MKV"
             raise RecordingError("cannot be decoded as a film", str(self.path), remedy)

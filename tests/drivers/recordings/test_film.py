@@ -217,6 +217,25 @@ def test_a_list_of_films_shows_no_file_that_lies_elsewhere(tmp_path: Path, name:
         Film(tmp_path / name)
 
 
+@pytest.mark.parametrize("name", ["concat:other.mkv|other.mkv", "subfile,,start,0,end,0,,:other.mkv", "shot%03d.png"])
+def test_a_name_that_stands_for_other_files_shows_none_of_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    """What stands before a colon is a protocol to FFmpeg: one that connects to other computers as well."""
+    monkeypatch.chdir(tmp_path)
+    film(Path("other.mkv"))
+    cv2.imwrite("shot000.png", np.zeros((32, 32), np.uint8))
+    Path(name).write_bytes(b"received by mail")
+    with pytest.raises(RecordingError, match=r"cannot be decoded as a film|stands for the numbers of other files"):
+        Film(Path(name))
+
+
+def test_a_film_may_have_a_colon_and_a_percent_in_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    film(tmp_path / "scan.mkv").rename("10:30 gain 50%.mkv")
+    assert len(Film(Path("10:30 gain 50%.mkv"))) == 10
+
+
 @pytest.mark.parametrize(("quaternion", "length"), [("0,0,0,0", "0"), ("0.5,0,0,0", "0.5"), ("3,4,0,0", "5")])
 def test_a_quaternion_of_another_length_is_told_by_it(tmp_path: Path, quaternion: str, length: str) -> None:
     table = tmp_path / "poses.csv"
