@@ -191,9 +191,13 @@ class Line:
         return self._frame_gate
 
     def _refused(self, sample: Frame | Pose) -> tuple[Verdict, ...]:
-        """A frame with a stamp that cannot be believed is settled at the time of the last one that could."""
+        """A frame with a stamp that cannot be believed is settled at the time of the last one that could. In a stream
+        of them that time stands still, and what was shown would never grow old.
+        """
         if isinstance(sample, Pose):
             return ()
+        if self._frame_gate.lost:
+            self._unverify()
         self._pairing.unpaired[StampCheck.REFUSED.value] += 1
         return (self._judged(self._frame_gate.last_ns or 0, self._checks()),)
 

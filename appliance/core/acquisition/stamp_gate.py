@@ -26,10 +26,22 @@ class StampGate:
     def __init__(self) -> None:
         self.last_ns: int | None = None
         self._leap_ns = 0
-        self._agreeing = 0
+        self._agreeing = self._refused = 0
+
+    @property
+    def lost(self) -> bool:
+        """So many stamps in a row were refused as make a leap true: they stand still, go back or contradict each other,
+        and nobody knows when anything of the stream was.
+        """
+        return self._refused >= _AGREEING
 
     def step(self, t_ns: int) -> StampCheck:
         """Judge the next sample of the stream by its stamp."""
+        judged = self._judged(t_ns)
+        self._refused = self._refused + 1 if judged is StampCheck.REFUSED else 0
+        return judged
+
+    def _judged(self, t_ns: int) -> StampCheck:
         last_ns = self.last_ns
         if last_ns is None or _follows(last_ns, t_ns):
             self.last_ns, self._agreeing = t_ns, 0

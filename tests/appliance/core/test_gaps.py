@@ -84,6 +84,23 @@ def test_after_a_gap_no_parameter_is_shown(lasting_s: float, during: During) -> 
     assert known == set()
 
 
+@pytest.mark.parametrize("step_ns", [0, -33_000_000], ids=["stand still", "go back"])
+@pytest.mark.parametrize("poses_too", [False, True])
+def test_pictures_whose_stamps_do_not_go_on_show_nothing(step_ns: int, poses_too: bool) -> None:
+    """The contact stayed closed for as long as the oldest evidence may be old, whatever happened to the probe."""
+    watched = line()
+    last_ns = 0
+    for sample in scan(0.0, 0.2):
+        watched.step(sample)
+        last_ns = sample.stamp.t_ns
+    assert watched._evidence.status.verified_ns == 5 * NS
+    for sample in scan(0.2, 0.3):
+        last_ns += step_ns if isinstance(sample, Frame) else 0
+        spoiled = poses_too or isinstance(sample, Frame)
+        watched.step(replace(sample, stamp=Stamp(last_ns, 100_000)) if spoiled else sample)
+    assert watched._evidence.status.verified_ns is None
+
+
 def test_after_a_gap_the_breathing_is_still_known_and_nothing_else() -> None:
     watched = line()
     learned = Noise(np.ones((3, PARTS)), np.ones((3, PARTS)), {1: Habit(np.ones(8), 4.0)})

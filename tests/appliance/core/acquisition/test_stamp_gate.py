@@ -28,6 +28,22 @@ def test_stamps_all_alike_never_pass_again() -> None:
     assert checks(*[40] * 200) == [IN] + [REFUSED] * 199
 
 
+@pytest.mark.parametrize("times_ms", [(40, 40, 40, 40), (40, 30, 20, 10), (40, 5000, 20, 9000)])
+def test_a_stream_whose_time_nobody_knows_is_lost_until_its_stamps_go_on(times_ms: tuple[int, ...]) -> None:
+    gate, lost = StampGate(), []
+    for t_ms in (*times_ms, 73):
+        gate.step(t_ms * MS)
+        lost.append(gate.lost)
+    assert lost == [False, False, False, True, False]
+
+
+def test_a_leap_that_is_true_loses_nothing() -> None:
+    gate = StampGate()
+    for t_ms in (0, 33, 9000, 9033, 9066, 33, 66, 99):
+        gate.step(t_ms * MS)
+        assert not gate.lost
+
+
 def test_one_stamp_far_in_the_future_is_refused_and_holds_nothing_up() -> None:
     assert checks(0, 33, 3_600_000, 66, 99) == [IN, IN, REFUSED, IN, IN]
 
