@@ -59,6 +59,7 @@ class Recalibration:
         self._supervisor, self._estimator, self._references = supervisor, estimator, references
         self._ask, self._worker, self._limits, self._took = ask, worker, limits, took
         self._before: Reference | None = None
+        self._doubted = False
 
     def begin(self) -> None:
         """Raises ControlRefused."""
@@ -97,7 +98,7 @@ class Recalibration:
         """A reference that monitoring confirmed stays; whatever else ends a recalibration returns to the one before."""
         if after is State.MONITORING:
             self._references.note_verified()
-            self._before = self._references.current
+            self._before, self._doubted = self._references.current, False
         elif before is State.RECALIBRATING and after is not State.RECALIBRATING:
             self._return()
         self._take_up()
@@ -107,6 +108,7 @@ class Recalibration:
         current = self._references.current
         if current is not None and self._estimator.reference is None:
             self._before = current
+            self._doubted = current.entry.number > 1 and current.entry.verified_utc is None
             self._refer(current)
 
     def _candidate(self, wanted: Wanted) -> Candidate:
@@ -132,10 +134,11 @@ class Recalibration:
 
     def _far_from_before(self, candidate: Candidate) -> bool:
         """Whether it is far from the one that was verified last: several near ones after each other, of which none was,
-        lead far away.
+        lead far away. Where the service started with one that nothing has verified yet, it may be.
         """
         before = self._before
-        return before is not None and difference(before.calibration, candidate.calibration).beyond(self._limits())
+        known = before is not None and difference(before.calibration, candidate.calibration).beyond(self._limits())
+        return self._doubted or known
 
     def _refer(self, reference: Reference) -> None:
         self._estimator.set_reference(reference.calibration, reference.relative_pose)

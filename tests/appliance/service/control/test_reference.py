@@ -186,6 +186,26 @@ def test_near_references_one_after_the_other_that_lead_far_need_everything_shown
     settled(cart.references)
 
 
+def test_a_restart_between_near_references_hides_no_way_that_leads_far(config, tmp_path):
+    """The one that was verified last is not in force any more, so how far it is was not known."""
+    stopped = Cart(config, State.HALT)
+    stopped.recalibration.begin()
+    stopped.recalibration.end(Wanted(file=written(tmp_path / "step.toml", 0, 0, 3)))
+    settled(stopped.references)
+    cart = Cart(config, State.HALT)
+    cart.recalibration.begin()
+    cart.recalibration.end(Wanted(file=written(tmp_path / "step.toml", 0, 0, 6)))
+    cart.verify("polarity", "scale-lateral", "scale-axial", "rotation-elevational")
+    assert cart.state is State.RECALIBRATING
+    cart.verify("polarity", *PARAMETERS)
+    assert cart.state is State.MONITORING
+    cart.recalibration.begin()
+    cart.recalibration.end(Wanted(file=written(tmp_path / "step.toml", 0, 0, 7)))
+    cart.verify()
+    assert cart.state is State.MONITORING, "from a verified one a near one is enough again"
+    settled(cart.references)
+
+
 def test_going_back_states_its_difference_and_is_confirmed_and_logged(config, new):
     cart = Cart(config, State.HALT)
     cart.recalibration.begin()
