@@ -1,7 +1,7 @@
 """Whether the alarm may sound: on, paused for a time, acknowledged, or switched off for a stated reason. Pure.
 
 In the style of IEC 60601-1-8: a pause ends by itself after at most 120 s; an acknowledged alarm is silent until another
-one comes; an alarm switched off or acknowledged reminds of itself.
+one comes; an alarm switched off or acknowledged, or paused again and again, reminds of itself.
 """
 
 from dataclasses import dataclass
@@ -48,14 +48,19 @@ class Audio:
 
     def __init__(self) -> None:
         self._paused_until_ns: int | None = None
+        self._paused_since_ns, self._pause_ends_ns = 0, -REMINDER_NS
         self._off_reason = ""
         self._silent_since_ns: int | None = None
 
     def pause(self, now_ns: int, duration_ns: int) -> None:
-        """Raises ValueError outside 0 … LONGEST_PAUSE_NS."""
+        """Raises ValueError outside 0 … LONGEST_PAUSE_NS. One that follows another within REMINDER_NS goes on with it,
+        so that pauses in a row are not silent for longer than one.
+        """
         if not 0 < duration_ns <= LONGEST_PAUSE_NS:
             raise ValueError(f"an audio pause lasts from 1 to {LONGEST_PAUSE_NS // 1_000_000_000} s")
-        self._paused_until_ns = now_ns + duration_ns
+        if now_ns - self._pause_ends_ns >= REMINDER_NS:
+            self._paused_since_ns = now_ns
+        self._paused_until_ns = self._pause_ends_ns = now_ns + duration_ns
 
     def off(self, reason: str) -> None:
         """Raises ValueError without a reason."""
@@ -84,7 +89,7 @@ class Audio:
             return Sound(mode, due, alarm.since_ns, off_reason=self._off_reason)
         if self._silent_since_ns is None:
             self._silent_since_ns = now_ns
-        if mode is AudioMode.PAUSED:
+        if mode is AudioMode.PAUSED and now_ns - self._paused_since_ns < LONGEST_PAUSE_NS:
             return Sound(mode, 0, alarm.since_ns, self._paused_until_ns)
         return self._reminding(now_ns, mode, alarm)
 
@@ -101,7 +106,8 @@ class Audio:
         quiet_ns = now_ns - self._silent_since_ns
         due = SIGNALS[alarm.state].priority in (Priority.HIGH, Priority.MEDIUM) and quiet_ns >= REMINDER_NS
         began_ns = self._silent_since_ns + quiet_ns // REMINDER_NS * REMINDER_NS
-        return Sound(mode, int(due), began_ns, off_reason=self._off_reason)
+        until_ns = self._paused_until_ns if mode is AudioMode.PAUSED else None
+        return Sound(mode, int(due), began_ns, until_ns, off_reason=self._off_reason)
 
 
 def pulses(state: State, fault: Fault | None) -> int:

@@ -242,7 +242,8 @@ def _audio() -> list[str]:
                 ("`probewatch lamp-test`", f"every lamp and the tone for {test_s:g} s; the contact stays as it is"),
             ),
         ),
-        f"Acknowledged or off, an alarm of high or medium priority still gives one pulse every {reminder_s:g} s.",
+        f"Acknowledged or off, or paused again within {reminder_s:g} s and so for longer than {pause_s:g} s, an alarm "
+        f"of high or medium priority still gives one pulse every {reminder_s:g} s.",
         "The alarm log says who asked.",
         "",
     ]

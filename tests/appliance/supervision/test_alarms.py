@@ -175,6 +175,28 @@ def test_the_longest_pause_is_two_minutes_and_the_shortest_a_nanosecond() -> Non
     assert audio.step(120 * S_NS - 1, alarm(State.HALT)).pulses == 0
 
 
+@pytest.mark.parametrize("every_s", [119, 121, 179])
+def test_pauses_in_a_row_remind_like_a_sound_that_is_off(every_s: int) -> None:
+    """Without a reason, and without a word, the sound could be kept away for as long as somebody asked again."""
+    annunciator, halted, silent, step_ns = Annunciator(), alarm(State.HALT), [], 100 * MS_NS
+    for t_ns in range(0, 600 * S_NS, step_ns):
+        if t_ns % (every_s * S_NS) == 0:
+            annunciator.audio.on()
+            annunciator.audio.pause(t_ns, LONGEST_PAUSE_NS)
+        silent.append(annunciator.step(t_ns, halted)[Role.TONE])
+    first, *others = (len(list(run)) for is_silent, run in itertools.groupby(silent) if is_silent)
+    assert first * step_ns == LONGEST_PAUSE_NS
+    assert max(others) * step_ns <= REMINDER_NS + BURSTS[10].period_ms * MS_NS, "a pause may begin between two bursts"
+
+
+def test_a_pause_after_a_minute_of_sound_is_silent_again() -> None:
+    audio, halted = Audio(), alarm(State.HALT)
+    for begun_s in (0, 180):
+        audio.pause(begun_s * S_NS, LONGEST_PAUSE_NS)
+        heard_in = [audio.step(t_s * S_NS, halted).pulses for t_s in range(begun_s, begun_s + 121)]
+        assert heard_in == [0] * 120 + [10]
+
+
 def test_an_acknowledged_alarm_is_silent_and_reminds() -> None:
     audio = Audio()
     halted = alarm(State.HALT, acknowledged=True)
