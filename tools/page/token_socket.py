@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from appliance.service.control.rights import join_group
-from appliance.service.control.server import ControlRefused, ControlServer, Peer, Reply
+from appliance.service.control.server import ControlRefused, ControlServer, Owner, Peer, Reply
 from appliance.service.host.unix_socket import Lines, connected
-from drivers.errors import ConfigurationError, DeviceLost
+from drivers.errors import DeviceLost
 from drivers.printable import printable
 from tools.shared.threaded import Threaded
 
@@ -33,7 +33,8 @@ class Door(Threaded):
     def __init__(
         self, path: Path, group: str, invite: Callable[[str], tuple[str, str]], onlookers: frozenset[int] = frozenset()
     ) -> None:
-        self._server, self._invite, self._onlookers = _server(path, group), invite, onlookers
+        owner = Owner("page", "End that page, or give this one another --door", f"--door {path}")
+        self._server, self._invite, self._onlookers = ControlServer(path, group, owner=owner), invite, onlookers
         self._ended = threading.Event()
         super().__init__("door")
 
@@ -54,17 +55,6 @@ class Door(Threaded):
             raise ControlRefused(f"{_name(who.uid)} may look on alone (viewers of [control] and [feed])")
         token, url = self._invite(_name(who.uid))
         return {"token": token, "url": url}
-
-
-def _server(path: Path, group: str) -> ControlServer:
-    """Its refusals speak of a service and its configuration, which the door has nothing to do with."""
-    try:
-        return ControlServer(path, group)
-    except DeviceLost:
-        remedy = "End that page, or give this one another --door"
-        raise DeviceLost("another page is running here", f"--door {path}", remedy) from None
-    except ConfigurationError as error:
-        raise ConfigurationError(error.what, f"--door {path}", error.remedy) from None
 
 
 def invitation(path: Path) -> tuple[str, str]:

@@ -88,18 +88,30 @@ class _Client:
         return b"\n" in self.received
 
 
+@dataclass(frozen=True, slots=True)
+class Owner:
+    """Who serves a socket, for the refusal where another one does. name: in the refusal after "another".
+    remedy: how that one is ended. where: what gave the path; "" for the key of the configuration.
+    """
+
+    name: str
+    remedy: str
+    where: str = ""
+
+
 class ControlServer(Closable):
     """Holds the socket at `path`, mode 0660, of `group` if one is named, and of `users`, by id; a lock beside it, which
-    only its owner may open, keeps a second service out.
+    only its owner may open, keeps a second service out. owner: None for the service.
 
     Raises DeviceLost when another service runs, ConfigurationError when the socket cannot be made there.
     """
 
-    def __init__(self, path: Path, group: str = "", users: Iterable[int] = ()) -> None:
+    def __init__(self, path: Path, group: str = "", users: Iterable[int] = (), owner: Owner | None = None) -> None:
         self._path, self._group, self._users = path, group, users
+        self._owner = owner or Owner("probewatch service", f"Stop it first: {how_to_end(path)}")
         self._silent: dict[_Client, None] = {}
         self._clients: list[_Client] = []
-        self._lock_fd = _locked(path)
+        self._lock_fd = self._locked()
         self._listener = self._listen()
         self._spare: int | None = os.dup(self._lock_fd)
         self._links = 0
@@ -139,11 +151,32 @@ class ControlServer(Closable):
         try:
             return listening(self._path, self._group, _BACKLOG, self._users)
         except LookupError:
-            where = f"[control] group = '{self._group}'"
+            where = self._owner.where or f"[control] group = '{self._group}'"
             remedy = f"Make it: groupadd --system {self._group}"
             raise ConfigurationError("there is no such group", where, remedy) from None
         except OSError as error:
-            raise _unusable(self._path, error) from None
+            raise self._unusable(error) from None
+
+    def _locked(self) -> int:
+        lock = self._path.with_name(self._path.name + ".lock")
+        try:
+            fd = os.open(lock, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+        except OSError as error:
+            raise self._unusable(error) from None
+        with contextlib.suppress(OSError):
+            os.fchmod(fd, 0o600)  # an earlier version let the group open it, and so hold it
+        try:
+            fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            os.close(fd)
+            what, where = f"another {self._owner.name} is running here", self._owner.where or str(self._path)
+            raise DeviceLost(what, where, self._owner.remedy) from None
+        return fd
+
+    def _unusable(self, error: OSError) -> ConfigurationError:
+        where = self._owner.where or f"[control] socket = '{self._path}'"
+        remedy = "Create its folder, or choose another path"
+        return ConfigurationError(f"cannot be made ({error.strerror})", where, remedy)
 
     def _accept(self) -> bool:
         """Take the next one of the queue and hear what it has said so far; False when there is none, or no place."""
@@ -249,29 +282,6 @@ class ControlServer(Closable):
 def _line(reply: Reply) -> bytes:
     """What a device or a client said by a way that does not make it printable is made so here."""
     return json.dumps(printable_value(reply), ensure_ascii=False).encode() + b"\n"
-
-
-def _locked(path: Path) -> int:
-    lock = path.with_name(path.name + ".lock")
-    try:
-        fd = os.open(lock, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
-    except OSError as error:
-        raise _unusable(path, error) from None
-    with contextlib.suppress(OSError):
-        os.fchmod(fd, 0o600)  # an earlier version let the group open it, and so hold it
-    try:
-        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        os.close(fd)
-        raise DeviceLost(
-            "another probewatch service is running here", str(path), f"Stop it first: {how_to_end(path)}"
-        ) from None
-    return fd
-
-
-def _unusable(path: Path, error: OSError) -> ConfigurationError:
-    where = f"[control] socket = '{path}'"
-    return ConfigurationError(f"cannot be made ({error.strerror})", where, "Create its folder, or choose another path")
 
 
 def _who(link: socket.socket, number: int) -> Peer:
