@@ -33,6 +33,8 @@ def command(action: str | None, config_file: Path, reason: str) -> None:
     [recorder] of the configuration sets folder, bounds, and whether text on the picture is blackened; see
     docs/black-box.md. A recorder cannot affect the service: a full or broken disk is reported in the journal and by
     status, and nowhere else.
+
+    Exit code 0: done. 69: no recorder answers. 75: there is no stretch to stop, or one is being kept already.
     """
     config = load_config(config_file)
     if action is not None:

@@ -25,6 +25,11 @@ _SAID = ("state", "fault", "reason", "latched", "acknowledged", "energised", "no
 """Of the status: what is worth an entry when it changes; so is who silenced the sound. What people ask shows there."""
 _LONGEST_MARK_NS = 3_600_000_000_000
 """Of a stretch that a person started and forgot: an hour. Longer pushes kept alarms out for nothing."""
+_ALREADY = "a stretch is being kept already. End it: probewatch record stop"
+_NEITHER = (
+    "no stretch is being kept: none was started, or it has ended, as it does after an hour. "
+    "Begin one: probewatch record start"
+)
 _QUIET = ("low", "none")
 """Priorities of states that are no alarm."""
 
@@ -110,7 +115,7 @@ class Recorder:
         one that is kept already, and the end of one that is not.
         """
         if (kind == "start") == (self._marked_ns is not None):
-            raise ValueError("a stretch is being kept already" if kind == "start" else "nothing was started")
+            raise ValueError(_ALREADY if kind == "start" else _NEITHER)
         self._put(Mark(kind, reason), now_ns)
         if kind == "start":
             self._marked_ns = now_ns

@@ -24,6 +24,7 @@ import click
 
 from appliance.configuration.config import Config
 from appliance.service.control.client import ControlClient
+from appliance.service.control.server import ControlRefused
 from appliance.service.feed.message import FeedMessage
 from appliance.service.feed.request import FeedRequest
 from appliance.service.host.unix_socket import Lines, connected, listening
@@ -170,8 +171,8 @@ class RecorderService:
 
 
 def ask(path: Path, do: str, reason: str = "", start: str = "probewatch record") -> dict[str, Any]:
-    """A running recorder; its fields. start: what starts one of this cart. Raises DeviceLost where none answers or it
-    refuses.
+    """Returns the fields of a running recorder. start: what starts one of this cart. Raises DeviceLost where none
+    answers, ControlRefused where it does not do it now.
     """
     try:
         with connected(path, 2 * _ANSWER_S) as link:
@@ -179,8 +180,10 @@ def ask(path: Path, do: str, reason: str = "", start: str = "probewatch record")
             reply = json.loads(_line(link, 2 * _ANSWER_S))
     except (OSError, ValueError) as error:
         raise DeviceLost(f"no recorder answers ({system_words(error)})", str(path), f"Start it: {start}") from None
-    if not isinstance(reply, dict) or not reply.get("ok"):
-        raise DeviceLost(f"refused: {reply.get('error') if isinstance(reply, dict) else reply}", str(path))
+    if not isinstance(reply, dict) or not ("error" in reply or reply.get("ok")):
+        raise DeviceLost("what answers is no recorder", str(path), f"Start it: {start}")
+    if not reply.get("ok"):
+        raise ControlRefused(printable(str(reply["error"])))
     return reply
 
 

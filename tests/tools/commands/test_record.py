@@ -1,15 +1,18 @@
 """`probewatch record status`: what a recorder answers, in words."""
 
 import re
+import threading
 from pathlib import Path
 from typing import Any
 
 import pytest
 from click.testing import CliRunner
 
+from appliance.configuration.config import load_config
 from tests.appliance.configuration.test_config import GOOD
 from tests.support.answers import answered
 from tools.commands.record import command, told
+from tools.recorder.run import RecorderService
 
 ANSWER: dict[str, Any] = {
     "ok": True,
@@ -94,3 +97,28 @@ def test_of_folder_and_socket_the_one_that_cannot_be_used_is_named(tmp_path: Pat
     asked = str(CliRunner().invoke(command, ["status", "--config", str(config)]).exception)
     assert re.search(r"no recorder answers \((no such file or|not a) directory\)", asked), asked
     assert "Errno" not in asked
+
+
+def test_a_stretch_that_is_started_or_stopped_twice_is_told_in_words_and_no_lost_recorder(tmp_path: Path) -> None:
+    """It ended with 69, no recorder answers, and said no more than "refused: nothing was started"."""
+    config = tmp_path / "cart.toml"
+    places = f'folder = "{tmp_path}/boxes"\nsocket = "{tmp_path}/recorder"\n'
+    config.write_text(f'{GOOD}[recorder]\n{places}[control]\nsocket = "{tmp_path}/control"\n')
+    ended = threading.Event()
+    with RecorderService(load_config(config), say=lambda _: None) as service:
+        writer = threading.Thread(target=service.run, args=(ended.is_set,))
+        writer.start()
+        try:
+            asked = ("stop", "start", "start", "stop", "stop")
+            answers = [answered("record", action, "--config", config) for action in asked]
+        finally:
+            ended.set()
+            writer.join()
+    assert [answer.returncode for answer in answers] == [75, 0, 75, 0, 75]
+    neither = (
+        "probewatch: no stretch is being kept: none was started, or it has ended, as it does after an hour. "
+        "Begin one: probewatch record start\n"
+    )
+    assert answers[0].stderr == answers[4].stderr == neither
+    already = "probewatch: a stretch is being kept already. End it: probewatch record stop\n"
+    assert answers[2].stderr == already

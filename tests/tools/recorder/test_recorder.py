@@ -122,7 +122,7 @@ def test_what_a_person_marks_is_kept_and_the_mark_is_written(tmp_path: Path) -> 
     recording = recorder(tmp_path)
     recording.take(LineStarted(SETTINGS, 0), START)
     fed(recording, range(300))
-    with pytest.raises(ValueError, match="nothing was started"):
+    with pytest.raises(ValueError, match="none was started"):
         recording.mark("stop", "", START + 300 * S)
     recording.mark("start", "phantom", START + 300 * S)
     with pytest.raises(ValueError, match="already"):
