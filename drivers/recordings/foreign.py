@@ -7,6 +7,7 @@ from itertools import chain
 from pathlib import Path
 
 from drivers.errors import RecordingError
+from drivers.recordings.advice import POSES_APART
 
 HEAD_BYTES = 352
 """What is read of a file to know its kind: NIfTI says its own at byte 344, the others before."""
@@ -20,7 +21,7 @@ _UNPACK = "Unpack it, and give the .igs.mha or .mhd that is in it; save a spread
 _AS_CSV = "Save its table of poses as CSV (docs/black-box.md has the columns)"
 
 _ARRAYS = "Give arrays to appliance.api.judge (docs/python.md)"
-_CONVERT = "Convert it to MP4 or MKV, and give its poses with --poses"
+_CONVERT = f"Convert it to MP4 or MKV; {POSES_APART}"
 
 _KINDS = (
     (0, b"#ROSBAG", "a ROS bag", _REPLAY),
@@ -116,11 +117,13 @@ def refuse_foreign(head: bytes, path: Path) -> None:
     if b"=" not in first:
         if b"t_s" in first:
             what = "begins as a table of poses, and its name does not end in .csv"
-            raise RecordingError(what, str(path), "Save it with commas as .csv, and give it with --poses")
+            raise RecordingError(what, str(path), f"Save it with commas as .csv; {POSES_APART}")
         line = first[:40].decode("utf-8", "replace")
         what = f"is no PLUS sequence: its first line {line!r} is not 'key = value'"
         what = what if line.strip().isprintable() else "is of a kind that is not known here"
-        raise RecordingError(what, str(path), "Give a PLUS or 3D Slicer sequence, a film with --poses, or a black box")
+        raise RecordingError(
+            what, str(path), f"Give a PLUS or 3D Slicer sequence, a film or a black box; {POSES_APART}"
+        )
 
 
 def refuse_known(head: bytes, path: Path, wanted: str) -> None:

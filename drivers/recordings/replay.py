@@ -17,6 +17,7 @@ from drivers.clock.host_clock import HostClock
 from drivers.closable import Closable
 from drivers.errors import DeviceLost, RecordingError
 from drivers.recordings import REPLAY
+from drivers.recordings.advice import POSES_APART, in_url
 from drivers.recordings.film import Film
 from drivers.recordings.sequence import Sequence, read_sequence
 from drivers.samples import Frame, Matrix4, Pose, PoseStatus, Sample, Stamp
@@ -238,15 +239,18 @@ def checked(target: str, options: dict[str, str]) -> float:
 
 def _from_url(target: str, options: dict[str, str], need_poses: bool) -> tuple[Recording, float]:
     start_s = checked(target, options)
-    recording = open_recording(
-        Path(target),
-        poses=Path(options["poses"]) if "poses" in options else None,
-        probe=options.get("probe"),
-        reference=options.get("reference"),
-        witness=options.get("witness") if need_poses else None,
-        orientation=options.get("orientation"),
-        need_poses=need_poses,
-    )
+    try:
+        recording = open_recording(
+            Path(target),
+            poses=Path(options["poses"]) if "poses" in options else None,
+            probe=options.get("probe"),
+            reference=options.get("reference"),
+            witness=options.get("witness") if need_poses else None,
+            orientation=options.get("orientation"),
+            need_poses=need_poses,
+        )
+    except RecordingError as error:
+        raise RecordingError(error.what, error.where, in_url(error.remedy)) from None
     return recording, start_s
 
 
@@ -282,7 +286,7 @@ def _how_to_name(there: list[str]) -> str:
     ends = "Reference", "Tracker"
     tools = {tool for tool, _, end in parts if tool not in ("", "Reference", "Image") and end in ends}
     if not there:
-        return "Give the recording with the poses, a sequence or a table, with --poses"
+        return f"Give a recording that holds its poses; {POSES_APART}, a sequence or a table"
     inverse = [f"{begin}To{end}" for begin, _, end in parts if begin in ends and end not in (*ends, "Image")]
     if not tools and inverse:
         return (
@@ -291,9 +295,9 @@ def _how_to_name(there: list[str]) -> str:
     if not tools and any(begin == "Image" for begin, _, _ in parts):
         return "ImageTo… has the calibration in it: record the pose of the tool, such as ProbeToTracker"
     if not tools:
-        return "Name the tool with --probe and --reference, or give the poses' recording with --poses"
+        return f"Name the tool with --probe and --reference; {POSES_APART}"
     listed = " or ".join(f"--probe {name}" for name in sorted(tools))
-    return f"Say which of them is on the ultrasound probe: {listed}; or give the poses' recording with --poses"
+    return f"Say which of them is on the ultrasound probe: {listed}; {POSES_APART}"
 
 
 def _witness_name(poses: Sequence, tool: str | None, probe: str, witness: str | None) -> str | None:

@@ -32,6 +32,9 @@ PROBE, REFERENCE, WITNESS = "probe", "reference", "witness"
 PoseAt = Callable[[str, float, int], Matrix4 | None]
 """(name of the tool, world seconds, number of the measurement) → (4, 4) tool → tracker, mm; None where not seen."""
 
+_UNUSED = "MF"
+"""Orientation of pictures that nobody looks at here, so that the file need not state it."""
+_SEQUENCE = "Give a PLUS sequence whose frames have ProbeToReference, or ProbeToTracker"
 _HEADING = ["t_s", "tool", "q0", "qx", "qy", "qz", "x_mm", "y_mm", "z_mm"]
 _REFERENCE_POSE_MM = (150.0, -40.0, -1700.0)
 """Beside the probe and some 0.2 m behind it, where a reference is clamped to the table; tracker frame."""
@@ -106,7 +109,11 @@ def recorded_motion(path: Path, probe: str | None = None, reference: str | None 
     """Poses of a PLUS sequence; world time 0 is its first pose. Raises RecordingError; see
     drivers.recordings.replay.
     """
-    recording = open_recording(path, probe=probe, reference=reference)
+    try:
+        recording = open_recording(path, probe=probe, reference=reference, orientation=_UNUSED)
+    except RecordingError as error:
+        remedy = _SEQUENCE if "--" in error.remedy else error.remedy  # no simulator has those options
+        raise RecordingError(error.what, error.where, remedy) from None
     names = {PROBE: recording.tool, REFERENCE: recording.reference}
     tracks = {}
     for tool, transform in names.items():

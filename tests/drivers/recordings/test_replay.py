@@ -263,7 +263,7 @@ def test_real_tracker_only_recording_names_its_tool():
         (("StylusToReference", "ReferenceToTracker"), {}, "--probe Stylus;"),
         (("NeedleToTracker", "CoilToTracker"), {}, "--probe Coil or --probe Needle;"),
         (("ProbeToTracker",), {"reference": "Table"}, "with --reference, or Tracker"),
-        ((), {}, "the poses, a sequence or a table, with --poses"),
+        ((), {}, "replay and latency take poses of another file with --poses"),
     ],
 )
 def test_the_remedy_for_a_name_is_that_of_the_recording(tmp_path, names, options, remedy):
