@@ -3,14 +3,17 @@
 import hashlib
 from collections.abc import Iterable
 from datetime import UTC, datetime
+from itertools import chain
 from pathlib import Path
 
 from drivers.errors import RecordingError
 from drivers.files.regular_file import reading
 
-_HEADERS = (".mhd", ".nhdr")
-"""Endings of recordings whose pictures lie in a file of their own beside them."""
+_HEADERS = (".mha", ".mhd", ".nrrd", ".nhdr")
+"""Endings of recordings whose pictures may lie in a file of their own beside them."""
 _NAMES_DATA = (b"ElementDataFile", b"data file", b"datafile")
+_OWN = ("", ".", "..", "LOCAL")
+_NO_NAME = ("/", "\\", "\0", "%")
 _COPY_BYTES = 1 << 20
 """Read at once: more is no faster. Not measured."""
 
@@ -52,11 +55,26 @@ def with_pictures(path: Path) -> tuple[Path, ...]:
         return (path,)
     try:
         with reading(path) as stream:
-            line = next((one for one in stream if one.startswith(_NAMES_DATA)), b"")
-        beside = path.with_name(line.replace(b":", b"=").partition(b"=")[2].strip().decode())
+            name = pictures_named(stream)
+        beside = path if name is None else path.with_name(name)
         return (path, beside) if beside != path and beside.is_file() else (path,)
     except (OSError, ValueError):  # the reader of the recording says what is wrong
         return (path,)
+
+
+def pictures_named(stream: Iterable[bytes]) -> str | None:
+    """Returns the name of the file beside a header that has its pictures; None where they are in the header's own file,
+    or where the reader of recordings takes no such name. Raises ValueError for a name that is no text.
+    """
+    lines = iter(stream)
+    first = next(lines, b"")
+    for line in chain((first,), lines):
+        if line.startswith(_NAMES_DATA):
+            name = line.replace(b":", b"=").partition(b"=")[2].strip().decode().removeprefix("./")
+            return None if name in _OWN or any(mark in name for mark in _NO_NAME) else name
+        if first.startswith(b"NRRD") and not line.strip():
+            return None
+    return None
 
 
 def _unreadable(path: Path, error: OSError) -> RecordingError:

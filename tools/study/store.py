@@ -3,19 +3,23 @@
 import re
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
 from drivers.errors import ConfigurationError, DeviceLost
 from drivers.printable import printable
+from tools.shared.digest import pictures_named
 from tools.shared.found_recordings import SUFFIXES
 from tools.study.table import INSTALL
 
 _COPY_BYTES = 1 << 22
 """Taken from the store at once: a request of an object store costs some 50 ms, whatever its size. Not measured."""
 
+_APART = (".mhd", ".nhdr")
+"""Endings of headers whose pictures lie beside them, as a rule. The headers of the others are not read for their state
+alone: that takes as long as a copy."""
 _BOX = re.compile(r"-(?P<session>[^-/]+)-(?P<part>\d{5})\.mcap$")
 """How a recorder names the files of one run."""
 
@@ -56,30 +60,64 @@ def listed(url: str) -> list[tuple[str, ...]]:
 
 
 def state_of(urls: tuple[str, ...]) -> str:
-    """Returns what changes with the content of the files, by the word of their store; empty where it has none."""
+    """Returns what changes with the content of the files, also of those that have the pictures of a header, by the word
+    of their store; empty where it has none.
+    """
     try:
-        return " ".join(f"{filesystem.checksum(path):x}" for filesystem, path in map(_opened, urls))
+        whole = [one for url in urls for one in (url, *_pictures_of(url))]
+        return " ".join(f"{filesystem.checksum(path):x}" for filesystem, path in map(_opened, whole))
     except Exception:  # each store has its own, and what does not answer is told when it is fetched
         return ""
 
 
 @contextmanager
 def fetched(urls: tuple[str, ...]) -> Iterator[tuple[Path, ...]]:
-    """Copies on this computer, under their own names, until the context is left. Raises NotFetchedError."""
+    """Copies on this computer, under their own names, until the context is left; the file with the pictures of a header
+    behind it. Raises NotFetchedError.
+    """
     with tempfile.TemporaryDirectory(prefix="probewatch-study-") as folder:
-        yield tuple(_copied(url, Path(folder) / str(number)) for number, url in enumerate(urls))
+        yield tuple(file for number, url in enumerate(urls) for file in _copies(url, Path(folder) / str(number)))
+
+
+def _copies(url: str, folder: Path) -> Iterator[Path]:
+    folder.mkdir()
+    yield (header := _copied(url, folder))
+    if (name := _named(header)) is not None:
+        yield _copied(_beside(url, name), folder)
+
+
+def _named(header: Path) -> str | None:
+    """Returns the name of the file with the pictures of a header; None where it has them itself."""
+    if not header.name.lower().endswith(SUFFIXES):
+        return None
+    with header.open("rb") as stream, suppress(ValueError):  # the reader of the recording says what is wrong
+        return pictures_named(stream)
+    return None
+
+
+def _pictures_of(url: str) -> Iterator[str]:
+    """Returns the URL of the file with the pictures, of a header that has none; it is read in the store."""
+    if url.lower().endswith(_APART):
+        filesystem, path = _opened(url)
+        with filesystem.open(path, "rb") as stream:
+            name = pictures_named(stream)
+        if name is not None:
+            yield _beside(url, name)
+
+
+def _beside(url: str, name: str) -> str:
+    return f"{url.rpartition('/')[0]}/{name}"
 
 
 def _copied(url: str, folder: Path) -> Path:
     filesystem, path = _opened(url)
     copy = folder / Path(path).name
-    folder.mkdir()
     try:
         with filesystem.open(path, "rb") as source, copy.open("wb") as target:
             while data := source.read(_COPY_BYTES):
                 target.write(data)
     except Exception as error:  # each store has its own
-        raise NotFetchedError(_said(error)) from error
+        raise NotFetchedError(f"{copy.name}: {_said(error)}") from error
     return copy
 
 

@@ -32,7 +32,7 @@ from tests.support.polling import until
 from tests.support.recordings import items
 from tools.cli import probewatch
 from tools.study import workers
-from tools.study.archive import NOT_FETCHED, ArchiveTask, archive_table
+from tools.study.archive import CONTENT, NOT_FETCHED, ArchiveTask, archive_table
 from tools.study.store import NotFetchedError, fetched, listed
 
 SIZE_PX = (48, 32)
@@ -227,6 +227,34 @@ def test_a_row_is_not_kept_where_another_file_of_the_recording_has_changed(
     poses_alone(first)
     (row,) = ArchiveTask(first, None, parts=(first,)).rows()
     assert not ArchiveTask(first, None, parts=(first, poses_alone(second))).is_of(row)
+
+
+@pytest.mark.parametrize(("name", "data"), [("apart.mhd", "apart.raw"), ("apart.mha", "other name.bin")])
+def test_the_pictures_of_a_header_come_with_it_and_are_part_of_its_state(
+    name: str, data: str, recording: Path, calibration: Path, store: str
+) -> None:
+    """The header came alone, so that its row said that there is no such file."""
+    header = recording.with_name("apart.mhd")
+    write_metaimage(header, items(40, SIZE_PX), SIZE_PX, detached=True, compressed=False)
+    fill(store, name, data=header.read_bytes().replace(b"= apart.raw", f"= ./{data}".encode()))
+    urls = (f"{store}/{name}",)
+    task = ArchiveTask(urls[0], calibration, urls=urls)
+    assert task.rows()[0]["error"].startswith(f"{NOT_FETCHED}: {data}: "), "it may be there another time"
+    fill(store, data, data=header.with_suffix(".raw").read_bytes())
+    (row,) = task.rows()
+    assert (row["error"], row["paired"], row[CONTENT]) == ("", "40", content(store, name, data))
+    assert task.is_of(row)
+    if name.endswith(".mhd"):
+        fill(store, data, data=header.with_suffix(".raw").read_bytes()[::-1])
+        assert not task.is_of(row)
+
+
+def content(store: str, *names: str) -> str:
+    whole = b""
+    for name in names:
+        with fsspec.open(f"{store}/{name}") as stream:
+            whole += stream.read()
+    return hashlib.sha256(whole).hexdigest()
 
 
 class Cluster:
