@@ -13,7 +13,7 @@ from rich.console import Console
 from appliance.configuration.config import Config, load_config
 from appliance.core.quality.calibration_difference import Difference, difference
 from appliance.limits import Limits
-from appliance.service.control.client import ControlClient
+from appliance.service.control.client import ControlClient, is_running
 from appliance.service.control.starting import how_to_end
 from appliance.storage.calibration_exchange import device_set_text, itk_text, read_itk
 from appliance.storage.calibration_file import (
@@ -31,7 +31,7 @@ from appliance.storage.reference import candidate_from_content, candidate_of_ent
 from appliance.storage.reference_dates import dates_of
 from appliance.storage.reference_store import FOLDER, Entry, content_of, set_aside
 from appliance.types import Calibration
-from drivers.errors import ConfigurationError, DeviceLost
+from drivers.errors import ConfigurationError
 from drivers.files.atomic_file import check_new, writing
 from tools.commands.calibration_measured import command as measured
 from tools.shared.alarm_history import references_in
@@ -350,11 +350,8 @@ def _refuse_unusable(file: Path) -> None:
 
 
 def _refuse_running(socket: Path) -> None:
-    try:
-        ControlClient(socket).close()
-    except (DeviceLost, ConfigurationError):  # The latter is what a service that does not watch has left.
-        return
-    raise ConfigurationError("a service is running", str(socket), f"Stop it first: {how_to_end(socket)}")
+    if is_running(socket):
+        raise ConfigurationError("a service is running", str(socket), f"Stop it first: {how_to_end(socket)}")
 
 
 def _pair(before: str, after: str, folder: Path) -> tuple[Calibration, Calibration]:

@@ -4,6 +4,7 @@ import platform
 import shutil
 import subprocess
 import sys
+import time
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
@@ -11,6 +12,7 @@ from pathlib import Path
 import click
 
 from appliance.configuration.config import Config, load_config
+from appliance.service.control.client import is_running
 from appliance.service.control.rights import join_group
 from appliance.storage.alarm_chain import Entry, Event
 from appliance.storage.reference_dates import Dates, dates_of
@@ -28,6 +30,9 @@ from tools.shared.named_cart import cart_option
 
 _SELF_TESTS = "self-tests"
 _NAMESPACE = "probewatch-report"
+_WRITTEN_S, _LOOK_S = 2.0, 0.1
+"""For a running service to write what it has logged, and between two looks. It takes milliseconds on a disk that is not
+busy (not measured on a slow one); longer would keep a person waiting who has a damaged store."""
 _TIMEOUT_S = 20
 """For ssh-keygen to sign with a key of a file, s; one that asks a person or a card is not for a timer."""
 
@@ -77,9 +82,9 @@ def command(config_file: Path, kind: str, day: datetime | None, folder: Path, as
     reading = settled_log(config.alarm.folder)
     self_tests = read_self_tests(config.alarm.folder / _SELF_TESTS)
     _refuse_unreadable_store(config.alarm.folder / REFERENCES / HISTORY)
-    history, store_fault = _history(config)
+    history, store_fault = _settled_history(config, reading.entries)
     found = summary(wanted, reading, self_tests.kept, now, () if history is None else history.entries)
-    found.store_fault = store_fault = store_fault or _lost(reading.entries, history, config.alarm.folder)
+    found.store_fault = store_fault
     chosen = _chosen(wanted, found, day is None)
     click.echo(chosen)
     write_period_page(page, cart, found, _dates(config, history), self_tests.faults, chosen)
@@ -120,6 +125,19 @@ def _refuse_unreadable_store(file: Path) -> None:
         refuse_unreadable(file)
     except PermissionError as error:
         raise ConfigurationError(f"cannot be read ({error.strerror})", str(file), join_group(file)) from None
+
+
+def _settled_history(config: Config, entries: Sequence[Entry]) -> tuple[History | None, str]:
+    """Returns what is known of the references, and why the rest is not. A running service logs a reference before it
+    writes it, so a store that lacks what the log names is read again before it is called damaged.
+    """
+    end_s = time.monotonic() + _WRITTEN_S
+    while True:
+        history, fault = _history(config)
+        fault = fault or _lost(entries, history, config.alarm.folder)
+        if not fault or time.monotonic() >= end_s or not is_running(config.control.socket):
+            return history, fault
+        time.sleep(_LOOK_S)
 
 
 def _history(config: Config) -> tuple[History | None, str]:

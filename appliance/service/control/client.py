@@ -9,7 +9,7 @@ from appliance.service.control.server import VERSION, ControlRefused, Reply
 from appliance.service.control.starting import NoService, how_to_start
 from appliance.service.host.unix_socket import Lines, connected
 from drivers.closable import Closable
-from drivers.errors import DeviceLost, ProbewatchError
+from drivers.errors import ConfigurationError, DeviceLost, ProbewatchError
 from drivers.printable import printable_value
 
 _LONGEST_REPLY = 1 << 20
@@ -110,6 +110,15 @@ class ControlClient(Closable):
             return DeviceLost("your user may not ask the service", str(self._path), join_group(self._path))
         what = f"no service answers ({error.strerror or error})"
         return why_silent(self._path) or NoService(what, str(self._path), how_to_start(self._path))
+
+
+def is_running(path: Path) -> bool:
+    """Whether a service answers at this control socket."""
+    try:
+        ControlClient(path).close()
+    except (DeviceLost, ConfigurationError):  # the latter is what a service that does not watch has left
+        return False
+    return True
 
 
 def _noted(reason: str) -> dict[str, str]:

@@ -273,6 +273,19 @@ def test_a_store_without_the_reference_that_the_log_names_is_not_none_in_force(c
     made(cart)
 
 
+def test_a_reference_that_is_being_written_is_no_damage(cart: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A service logs it first; a report made between both said that the store is damaged."""
+    alarms, kept = cart.parent / "alarms", reference(1, "2025-12-24T08:00:00+00:00")
+    named = {"number": 1, "sha256": kept.sha256, "file": "probe.toml", "origin": "configuration"}
+    logged(alarms, [(31 * 24 + 6, "started", {"software": "probewatch 2", "reference": named})])
+    looks = iter([lambda: None, lambda: write_history(alarms, History(entries=(kept,)), {kept.sha256: b"1"})])
+    monkeypatch.setattr("tools.commands.report.time.sleep", lambda _: next(looks)())
+    monkeypatch.setattr("tools.commands.report.is_running", lambda _: True)
+    assert "damaged" not in made(cart)
+    assert "DAMAGED" not in body(cart, "2026-01")
+    assert next(looks, None) is None, "it was read again until it was there"
+
+
 def test_each_calibration_is_told_with_the_time_for_which_it_was_in_force(cart: Path) -> None:
     entries = tuple(reference(n, f"{utc}T08:00:00+00:00") for n, utc in ((1, "2025-12-24"), (2, "2026-01-20")))
     contents = {one.sha256: b"%d" % one.number for one in entries}
