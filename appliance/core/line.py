@@ -160,7 +160,8 @@ class Line:
     def report(self) -> LineReport:
         """What the whole session showed; frames still waiting for a pose stay unpaired."""
         self._pairing.finish()
-        verdict = self._judgement.overall((*self._believed(self._evidence.final()), *self._detected()))
+        session = self._evidence.finish()
+        verdict = self._judgement.overall((*self._believed(self._evidence.final(session)), *self._detected()))
         return LineReport(
             frames=self._frames,
             poses=self._poses,
@@ -170,7 +171,7 @@ class Line:
             estimate=self._evidence.estimate,
             motions=self._evidence.motions,
             follow=self._evidence.follow,
-            second_opinion=self._evidence.second_opinion(),
+            second_opinion=session.second_opinion(),
             checks=verdict.checks,
             verdict=verdict,
             required=self._evidence.required,

@@ -10,6 +10,7 @@ _BOX, _TO_MATRIX = b"tkhd", {0: 40, 1: 52}
 """Type of the box, and bytes from behind it to its matrix, by the version of the box."""
 _FIRST = (b"ftyp", b"moov", b"mdat", b"wide", b"free", b"skip")
 """Types of the box with which such a film begins."""
+_HEADER = b"moov"
 _ONE, _LAST = 1 << 16, 1 << 30
 """1 as a number of 16.16 and of 2.30 bits."""
 
@@ -23,11 +24,31 @@ def is_mirrored(path: Path) -> bool:
             return False
         content = mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ)
     with content:
-        at = content.find(_BOX)
-        while at >= 0:
-            if _mirrors(content, at + len(_BOX)):
-                return True
-            at = content.find(_BOX, at + 1)
+        return any(_mirrored_between(content, start, end) for start, end in _headers(content))
+
+
+def _headers(content: mmap.mmap) -> list[tuple[int, int]]:
+    """Returns where the headers of the film begin and end, found from box to box, so that the pictures are not read. A
+    damaged film, which leads nowhere, is looked through as a whole.
+    """
+    found, at = list[tuple[int, int]](), 0
+    while at + 16 <= len(content):
+        size, kind, long_size = struct.unpack_from(">I4sQ", content, at)
+        size = {0: len(content) - at, 1: long_size}.get(size, size)
+        if size < 8:
+            break
+        if kind == _HEADER:
+            found.append((at, at + size))
+        at += size
+    return found or [(0, len(content))]
+
+
+def _mirrored_between(content: mmap.mmap, start: int, end: int) -> bool:
+    at = content.find(_BOX, start, end)
+    while at >= 0:
+        if _mirrors(content, at + len(_BOX)):
+            return True
+        at = content.find(_BOX, at + 1, end)
     return False
 
 

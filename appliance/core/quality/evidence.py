@@ -5,7 +5,6 @@ calibration.
 from dataclasses import replace
 
 from appliance.core.detectors.polarity import obvious_flip
-from appliance.core.handeye.second_opinion import SecondOpinion
 from appliance.core.parameters import BREATHED
 from appliance.core.path.explanation import Explanation
 from appliance.core.path.solver import Follow
@@ -196,12 +195,15 @@ class Evidence:
         """Returns True where the latest solution verifies every parameter of that class."""
         return self._latest.shows(_REQUIRED_FOR[fault])
 
-    def final(self) -> tuple[Check, ...]:
+    def finish(self) -> WholeSession:
+        """Ends the solution under way. Returns all motion that is kept, for `final`."""
+        self._solution.finish()
+        return self._session()
+
+    def final(self, session: WholeSession) -> tuple[Check, ...]:
         """The checks of the solution that determines most parameters; the solution over all motion that is kept is one
         of the candidates.
         """
-        self._solution.finish()
-        session = self._session()
         whole = session.finding()
         if whole.shown >= self._best.shown and whole.failed <= self._latest.failed:
             self._best = whole
@@ -213,10 +215,6 @@ class Evidence:
         `final` it keeps the motion before a change, so it is more accurate for a recording made to measure the latency.
         """
         return self._session().constant_latency()
-
-    def second_opinion(self) -> SecondOpinion | None:
-        """The closed-form estimate from all motion since the last change."""
-        return self._session().second_opinion()
 
     def _session(self) -> WholeSession:
         return whole_session(self.window, self._reference, self._limits, self._memory.valid_ns, self._examiner.about_s)

@@ -9,6 +9,7 @@ import pytest
 
 from appliance.core.detectors.detector import Detector
 from appliance.core.line import Line
+from appliance.core.path.window import PathWindow
 from appliance.limits import Limits
 from appliance.storage.image_to_probe import calibration_from_image_to_probe
 from appliance.supervision.supervisor import Durations, Inputs, Supervisor
@@ -338,6 +339,19 @@ def test_poses_that_are_not_ok_leave_frames_unpaired_with_the_reason() -> None:
     line.step(Frame(Stamp(1_010_000_000, 0), 0, world.frame(0.0, 0)))
     line.step(pose(1.02, np.eye(4), 1))
     assert line.report().unpaired == {"pose not usable: missing": 1}
+
+
+def test_a_report_looks_through_the_whole_recording_for_its_lag_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The far search takes 0.1 s for 30 s of motion; it was made for the checks, and for the second opinion again."""
+    line, _ = watched(kept(3, settings=SMALL), 0.2)
+    searched: list[PathWindow] = []
+
+    def far_latency(window: PathWindow) -> None:
+        searched.append(window)
+
+    monkeypatch.setattr(PathWindow, "far_latency", far_latency)
+    line.report()
+    assert len(searched) == 1
 
 
 def test_a_tracker_may_repeat_itself_for_as_long_as_the_cart_says() -> None:

@@ -384,6 +384,22 @@ def test_a_film_that_is_mirrored_for_display_is_refused(tmp_path: Path, matrix: 
         Film(displayed(tmp_path, matrix))
 
 
+def test_pictures_are_no_header_whatever_bytes_they_hold(tmp_path: Path) -> None:
+    """All of a film was read for it, a second time, so that its pictures could refuse it."""
+    path = displayed(tmp_path, (1, 0, 0, 1))
+    likeness = b"tkhd" + bytes(40) + struct.pack(">9i", -65536, 0, 0, 0, 65536, 0, 0, 0, 1 << 30)
+    path.write_bytes(path.read_bytes() + struct.pack(">I4s", 8 + len(likeness), b"mdat") + likeness)
+    assert not is_mirrored(path)
+    assert len(Film(path)) == 4
+
+
+@pytest.mark.parametrize("size", [0, 4, 1 << 31])
+def test_a_mirrored_film_whose_boxes_lead_nowhere_is_known_all_the_same(tmp_path: Path, size: int) -> None:
+    path = displayed(tmp_path, (-1, 0, 0, 1))
+    path.write_bytes(struct.pack(">I", size) + path.read_bytes()[4:])
+    assert is_mirrored(path)
+
+
 @pytest.mark.parametrize(
     "content", [b"", b"\0\0\0\x10ftyp", b"\0\0\0\x10ftypisom tkhd", b"\0\0\0\x10ftyp tkhd" + 60 * b"\xff"]
 )

@@ -209,7 +209,7 @@ def test_after_a_restart_nothing_stands() -> None:
 def test_the_final_answer_keeps_the_best_that_was_known() -> None:
     evidence, whole = watched()
     fed(evidence, whole, 0, 10)
-    final = by_name(evidence.final())
+    final = by_name(evidence.final(evidence.finish()))
     assert final["scale-axial"].verdict is OK
     assert evidence.estimate is not None
     assert evidence.motions > 100

@@ -181,7 +181,7 @@ def test_what_is_seen_of_it_withholds_the_ok_and_nothing_but_motion_answers_it()
     assert evidence.status.contradictions, "a step of the clock forgives nothing"
     evidence.lose_sight()
     assert evidence.status.contradictions, "nor does a hand before the markers"
-    assert any(check.name == NAME for check in evidence.final())
+    assert any(check.name == NAME for check in evidence.final(evidence.finish()))
 
 
 def test_a_picture_that_is_refused_closes_no_contact_over_it() -> None:

@@ -114,7 +114,7 @@ def test_a_report_waits_for_it() -> None:
     at_once.solve(at_once.window.now_ns)
     spread.begin(spread.window.now_ns)
     spread.go_on(0)
-    assert values(spread.final()) == values(at_once.final())
+    assert values(spread.final(spread.finish())) == values(at_once.final(at_once.finish()))
     assert not spread.under_way
 
 
