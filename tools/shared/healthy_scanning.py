@@ -3,15 +3,17 @@ healthy.
 """
 
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from appliance.core.line import Line
 from appliance.limits import MOST_NAMED_NATS, Limits
 from appliance.storage.black_box import Series
 from appliance.storage.calibration_file import read_calibration
-from appliance.types import Calibration, Fault, Kind, Verdict
+from appliance.storage.black_box_fields import State as LiveState
+from appliance.types import Calibration, Fault, Kind, State, Verdict
 from drivers.errors import RecordingError
 from drivers.recordings.replay import open_recording
 from drivers.samples import Frame, Pose, Sample
@@ -25,6 +27,15 @@ _LASTING_NS = 1_000_000_000
 _ONE_LOOK_NS = 1_000_000_000
 """Most that one verdict counts as time: a gap in the recording is no scanning. Not measured."""
 _NOT_HEALTHY = "Leave it out, or find out what was wrong; only healthy scanning teaches the noise"
+
+
+_HALTED = (State.HALT.value, State.RECALIBRATION_REQUESTED.value)
+
+
+def _is_wrong(fault: object) -> bool:
+    """Whether the name is of a fault of the calibration, or of metal that looks like one."""
+    known = next((one for one in Fault if one == fault), None)
+    return known is not None and (known.kind is Kind.CALIBRATION or known is Fault.FIELD_DISTORTION)
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,9 +73,18 @@ class Heard:
             what = f"picture and tracker disagree by {nats:.0f} nats, more than {MOST_NAMED_NATS:.0f}"
             raise RecordingError(f"is not healthy scanning: {what}", str(self._path), _NOT_HEALTHY)
 
+    def refuse_halt(self, status: Mapping[str, Any]) -> None:
+        """status: of the service when the box was recorded. Raises RecordingError where the calibration had halted it:
+        a fault that the file holds in part, as the recorder was too slow for the rest, lasts no second of it.
+        """
+        if status.get("state") not in _HALTED or not _is_wrong(status.get("fault")):
+            return
+        what = f"is not healthy scanning: the service said {status['state']}, {status['fault']}"
+        raise RecordingError(f"{what}, {status.get('reason')}", str(self._path), _NOT_HEALTHY)
+
     def _refuse_faults(self, verdict: Verdict) -> None:
         fault = verdict.fault
-        if fault is None or (fault.kind is not Kind.CALIBRATION and fault is not Fault.FIELD_DISTORTION):
+        if fault is None or not _is_wrong(fault):
             self._faulty = None
             return
         before, since_ns = self._faulty or (fault, verdict.t_ns)
@@ -99,6 +119,8 @@ def heard_in_series(series: Series, limits: Limits, stale_ns: int) -> tuple[Hear
     heard = Heard(path)
     rerun = Rerun(series, lambda reference, _limits, _stale_ns, _relative_pose: _line(reference, limits, stale_ns))
     for step in rerun.steps():
+        if isinstance(step.item, LiveState):
+            heard.refuse_halt(step.item.status)
         if isinstance(step.item, Frame | Pose) and isinstance(rerun.line, Line):
             heard.take(step.verdicts, rerun.line.nats)
     simulated = any(box.begun.simulated for box in series.boxes)

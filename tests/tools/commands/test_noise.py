@@ -85,6 +85,37 @@ def test_a_faulty_recording_is_refused_by_name(tmp_path: Path) -> None:
     assert said.startswith(f"{box}: is not healthy scanning: polarity")
 
 
+def told_live(path: Path, state: str, fault: str | None) -> Path:
+    """A box of few pictures, in which the service said this."""
+    world = kept(3, settings=SMALL)
+    reference = calibration_from_image_to_probe(world.image_to_probe, (400, 300))
+    settings = EstimatorSettings(1, reference, SWEPT, 500_000_000)
+    record(path, settings, session(world, 0.2), told={3: {"state": state, "fault": fault, "reason": "mirrored"}})
+    return path
+
+
+@pytest.mark.parametrize(
+    ("state", "fault", "healthy"),
+    [
+        ("halt", "polarity", False),
+        ("recalibration requested", "offset", False),
+        ("halt", "field-distortion", False),
+        ("warning", "polarity", True),
+        ("internal fault", "estimator-silent", True),
+        ("halt", "a fault of a later version", True),
+    ],
+)
+def test_a_box_in_which_the_service_halted_is_not_healthy_however_little_of_it_is_there(
+    tmp_path: Path, state: str, fault: str, healthy: bool
+) -> None:
+    """The recorder was too slow for all but 0.4 s of a mirrored picture; it was called too little scanning."""
+    box = told_live(tmp_path / "box.mcap", state, fault)
+    said = refused(box, "--output", tmp_path / "noise.toml")
+    refusal = f"{box}: is not healthy scanning: the service said {state}, {fault}, mirrored"
+    assert said.startswith(refusal) is not healthy
+    assert ("are too little" in said) is healthy
+
+
 @pytest.mark.thorough
 def test_a_black_box_named_twice_counts_once(healthy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(noise, "least_hours", lambda: 0.001)
