@@ -11,8 +11,8 @@ from typing import Any
 from appliance.core.line import Line
 from appliance.limits import MOST_NAMED_NATS, Limits
 from appliance.storage.black_box import Series
-from appliance.storage.calibration_file import read_calibration
 from appliance.storage.black_box_fields import State as LiveState
+from appliance.storage.calibration_file import read_calibration
 from appliance.types import Calibration, Fault, Kind, State, Verdict
 from drivers.errors import RecordingError
 from drivers.recordings.replay import open_recording
