@@ -131,6 +131,53 @@ GERMAN = {text: german for row in FAULT_ROWS.values() for text, german in row.tr
     "recalibration": "Neukalibrierung",
     "went back to {number}": "zurück zu {number}",
     "SIMULATED": "SIMULIERT",
+    "recorded: the tracker's position sensor was checked; an alert of a bump, if there was one, ends": (
+        "vermerkt: der Positionssensor des Trackers wurde geprüft; die Meldung eines Stoßes, wenn es eine gab, endet"
+    ),
+    "this is another alarm; it has not been acknowledged yet": "das ist ein anderer Alarm; er ist noch nicht quittiert",
+    "it ends once the calibration is verified again: move the probe over tissue, or recalibrate": (
+        "er endet, sobald die Kalibrierung wieder bestätigt ist: Sonde über Gewebe bewegen, oder neu kalibrieren"
+    ),
+    "now": "jetzt",
+    "there is nothing to acknowledge": "es gibt nichts zu quittieren",
+    "not possible while": "nicht möglich im Zustand",
+    "already acknowledged, waiting until the calibration is verified again": (
+        "schon quittiert; er endet, sobald die Kalibrierung wieder bestätigt ist"
+    ),
+    "this service has no lamp and no tone, only the contact; see [[output]] in its configuration": (
+        "dieser Dienst hat weder Lampe noch Ton, nur den Kontakt; siehe [[output]] in seiner Konfiguration"
+    ),
+    "for five seconds these must light up or sound:": "fünf Sekunden lang müssen diese leuchten oder tönen:",
+    "the alarm sound is on again": "der Alarmton ist wieder an",
+    "the alarm is silent until 'probewatch pause --on'; it reminds once a minute": (
+        "der Alarm ist stumm bis 'probewatch pause --on'; er erinnert einmal in der Minute"
+    ),
+    "the alarm sound is switched off already, and stays so until 'probewatch pause --on'": (
+        "der Alarmton ist schon ausgeschaltet und bleibt es bis 'probewatch pause --on'"
+    ),
+    "the alarm is silent for {seconds} s": "der Alarm ist {seconds} s lang stumm",
+    "this cart has no tone output": "dieser Wagen hat keinen Ton",
+    "none of the {number} entries matches": "keiner der {number} Einträge passt",
+    "{number} entries, the chain is whole": "{number} Einträge, die Kette ist heil",
+    "the chain is NOT whole": "die Kette ist NICHT heil",
+    "{number} entries written to {file}": "{number} Einträge nach {file} geschrieben",
+    "latched": "gehalten",
+    "by": "durch",
+    "chain begun": "Kette begonnen",
+    "started": "gestartet",
+    "stopped": "beendet",
+    "state": "Zustand",
+    "request": "Anfrage",
+    "reference": "Referenz",
+    "reloaded": "neu gelesen",
+    "estimate": "Schätzung",
+    "proposal": "Vorschlag",
+    "undecided": "unentschieden",
+    "recalibration given up": "Neukalibrierung aufgegeben",
+    "calibration date": "Prüftermin",
+    "overloaded": "überlastet",
+    "overload-ended": "Überlast beendet",
+    "wall-clock": "Uhr",
     "deg": "Grad",
     "axes": "Achsen",
     "nothing to compare: {name}": "nichts zu vergleichen: {name}",

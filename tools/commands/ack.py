@@ -7,7 +7,9 @@ import click
 from appliance.service.control.client import ControlClient
 from appliance.service.control.server import ControlRefused
 from appliance.supervision.alarms import ACKNOWLEDGED, NOT_NOW
+from appliance.supervision.languages import translated, translated_text
 from tools.shared.named_cart import socket_option
+from tools.shared.spoken import language_of, say, say_change
 
 
 @click.command()
@@ -29,17 +31,18 @@ def command(control_socket: Path, bump: bool) -> None:
     with ControlClient(control_socket) as client:
         if bump:
             client.clear_bump()
-            click.echo(
-                "recorded: the tracker's position sensor was checked; an alert of a bump, if there was one, ends"
-            )
+            click.echo(say("bump", language_of(client.status())))
             return
-        click.echo(f"acknowledged · {_acknowledged(client)}")
+        acknowledged = _acknowledged(client)
         status = client.status()
-        click.echo(f"now · {status['state']}: {status['reason']}")
+        language = language_of(status)
+        click.echo(f"{translated('acknowledged', language)} · {say_change(acknowledged, language)}")
+        now = f"{status['state']}: {status['reason']}"
+        click.echo(f"{say('now', language)} · {say_change(now, language)}")
         if status["latched"] is not None and not status["acknowledged"]:
-            click.echo("this is another alarm; it has not been acknowledged yet")
+            click.echo(say("another", language))
         elif status["latched"] is not None:
-            click.echo("it ends once the calibration is verified again: move the probe over tissue, or recalibrate")
+            click.echo(say("ends", language))
 
 
 def _acknowledged(client: ControlClient) -> str:
@@ -48,7 +51,10 @@ def _acknowledged(client: ControlClient) -> str:
         return client.acknowledge()
     except ControlRefused as error:
         if error.what.startswith(NOT_NOW):
-            raise ControlRefused(f"there is nothing to acknowledge: {error.what}") from None
+            language = language_of(client.status())
+            state = translated_text(error.what.removeprefix(NOT_NOW).strip(), language)
+            what = f"{say('nothing', language)}: {say('not now', language)} {state}"
+            raise ControlRefused(what) from None
         if error.what == ACKNOWLEDGED:
-            raise ControlRefused(f"already {ACKNOWLEDGED}") from None
+            raise ControlRefused(say("already", language_of(client.status()))) from None
         raise

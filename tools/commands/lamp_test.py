@@ -6,6 +6,7 @@ import click
 
 from appliance.service.control.client import ControlClient
 from tools.shared.named_cart import socket_option
+from tools.shared.spoken import language_of, say
 
 
 @click.command()
@@ -19,11 +20,12 @@ def command(control_socket: Path) -> None:
     """
     with ControlClient(control_socket) as client:
         client.test_lamps()
-        outputs = client.status()["outputs"]
+        status = client.status()
+    outputs, language = status["outputs"], language_of(status)
     shown = [output for output in outputs if output["signal"] != "contact"]
     if not shown:
-        click.echo("this service has no lamp and no tone, only the contact; see [[output]] in its configuration")
+        click.echo(say("no lamps", language))
         return
-    click.echo("for five seconds these must light up or sound:")
+    click.echo(say("lamps", language))
     for output in shown:
         click.echo(f"  {output['signal']:8} {output['url']}")

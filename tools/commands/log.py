@@ -11,6 +11,7 @@ from typing import Any
 import click
 
 from appliance.storage.alarm_chain import Entry, Event, Reading
+from appliance.supervision.languages import translated_text
 from appliance.types import Fault, State
 from drivers.errors import ConfigurationError
 from drivers.files.atomic_file import check_kind, check_new, writing
@@ -18,13 +19,16 @@ from drivers.printable import LONGEST_TEXT, printable
 from drivers.suggestion import did_you_mean, suggested
 from tools.shared.alarm_history import settled_log
 from tools.shared.calendar_option import MOMENT
-from tools.shared.named_cart import folder_argument
+from tools.shared.named_cart import cart_language, folder_argument
 from tools.shared.profile_text import logged_limits_text
+from tools.shared.spoken import say
 
 _COLOURS = {"warning": "yellow", "halt": "red", "recalibration requested": "red", "device lost": "red"}
 _COLOURS |= {"internal fault": "red", "monitoring": "green", "not verified": "cyan", "recalibrating": "cyan"}
 _COLUMNS = ("number", "utc", "event", "state", "fault", "reason", "do", "who", "latched", "digest")
 _FORMULA = ("=", "+", "-", "@")
+_SAID = ("state", "reason", "text")
+"""What the service says in an entry, in English."""
 _STATES = tuple(str(state.value) for state in State)
 
 
@@ -77,21 +81,21 @@ def command(
     check_new(csv_path)
     if csv_path is not None and csv_path.absolute().parent.resolve() == folder.resolve():
         raise ConfigurationError("lies in the folder of the log itself", str(csv_path), "Write it to another folder")
-    reading = settled_log(folder)
+    reading, language = settled_log(folder), cart_language()
     if not verify:
         wanted = [
             entry for entry in reading.entries if _within(entry, since, until) and _named(entry, state, fault, event)
         ]
         shown = wanted if last is None else wanted[-last:]
         if not shown:
-            click.echo(f"none of the {len(reading.entries)} entries matches", err=True)
+            click.echo(say("no match", language, number=len(reading.entries)), err=True)
         if csv_path is None:
             for entry in shown:
-                click.echo(_line(entry))
+                click.echo(_line(entry, language))
         else:
             _export(csv_path, shown)
-            click.echo(f"{len(shown)} entries written to {csv_path}")
-    sys.exit(_verified(reading))
+            click.echo(say("written", language, number=len(shown), file=csv_path))
+    sys.exit(_verified(reading, language))
 
 
 def _refuse_contradictions(
@@ -116,11 +120,23 @@ def _named(entry: Entry, state: str | None, fault: str | None, event: str | None
     return all(asked is None or asked == has for asked, has in wanted)
 
 
-def _line(entry: Entry) -> str:
-    text = f"{entry.event}: {_TEXTS.get(entry.event, _all_of_it)(entry.data)}".removesuffix(": ")
+def _line(entry: Entry, language: str) -> str:
+    told = _TEXTS.get(entry.event, _all_of_it)(_in(language, entry))
+    text = f"{translated_text(entry.event, language)}: {told}".removesuffix(": ")
     colour = _COLOURS.get(str(entry.data.get("state")))
-    latch = f" [latched: {entry.latch.state}]" if entry.latch is not None else ""
+    latched = "" if entry.latch is None else translated_text(entry.latch.state, language)
+    latch = f" [{say('latched', language)}: {latched}]" if latched else ""
     return f"{entry.number:6}  {entry.utc}  {click.style(text, fg=colour)}{latch}"
+
+
+def _in(language: str, entry: Entry) -> Mapping[str, Any]:
+    """Returns what the entry holds with the texts of the service in that language, each whole or as it was; a request
+    has the words of a person.
+    """
+    if entry.event == Event.REQUEST:
+        return {**entry.data, "by": say("by", language)}
+    said = {name: entry.data[name] for name in _SAID if isinstance(entry.data.get(name), str)}
+    return {**entry.data, **{name: translated_text(text, language) for name, text in said.items()}}
 
 
 def _wanted(data: Mapping[str, Any]) -> str:
@@ -135,7 +151,7 @@ def _state(data: Mapping[str, Any]) -> str:
 
 
 def _request(data: Mapping[str, Any]) -> str:
-    return f"{data.get('do')} by {data.get('who')}{_fault(data.get('reason'))}{_wanted(data)}"
+    return f"{data.get('do')} {data.get('by')} {data.get('who')}{_fault(data.get('reason'))}{_wanted(data)}"
 
 
 def _estimate(data: Mapping[str, Any]) -> str:
@@ -277,7 +293,7 @@ def _cell(value: object) -> str:
     return f"'{text}" if text.startswith(_FORMULA) else text
 
 
-def _verified(reading: Reading) -> int:
+def _verified(reading: Reading, language: str) -> int:
     """Prints whether the chain is intact, defects on stderr; returns the exit code."""
     for damage in reading.damages:
         click.secho(f"{damage}", err=True, fg="red" if damage.fault else "yellow")
@@ -286,7 +302,7 @@ def _verified(reading: Reading) -> int:
             found = "; ".join(map(str, entry.data.get("found", [])))
             click.secho(f"entry {entry.number} begins a new chain: {found}", err=True, fg="yellow")
     if reading.broken:
-        click.secho("the chain is NOT whole", err=True, fg="red")
+        click.secho(say("broken", language), err=True, fg="red")
         return 65
-    click.echo(f"{len(reading.entries)} entries, the chain is whole", err=True)
+    click.echo(say("whole", language, number=len(reading.entries)), err=True)
     return 0

@@ -1,7 +1,9 @@
 """`probewatch pause`: pauses the alarm sound."""
 
 import re
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -9,6 +11,7 @@ from appliance.service.control.client import ControlClient
 from appliance.supervision.annunciator import Role
 from appliance.supervision.audio import AudioMode
 from tools.shared.named_cart import socket_option
+from tools.shared.spoken import language_of, say
 
 _SHORTEST_S, _LONGEST_S = 1, 120
 """What the service grants (docs/alarms.md): a longer pause would be forgotten."""
@@ -47,25 +50,29 @@ def command(control_socket: Path, seconds: float, reason: str | None, on: bool) 
     with ControlClient(control_socket) as client:
         if on:
             client.audio_on()
-            click.echo(f"the alarm sound is on again{_without_tone(client)}")
         elif reason is not None:
             client.audio_off(reason)
-            click.echo(
-                f"the alarm is silent until 'probewatch pause --on'; it reminds once a minute{_without_tone(client)}"
-            )
         else:
             client.pause_audio(seconds)
-            click.echo(f"{_paused(client, seconds)}{_without_tone(client)}")
+        status = client.status()
+    language = language_of(status)
+    if on:
+        told = say("sound on", language)
+    elif reason is not None:
+        told = say("sound off", language)
+    else:
+        told = _paused(status, seconds)
+    click.echo(f"{told}{_without_tone(status)}")
 
 
-def _paused(client: ControlClient, seconds: float) -> str:
+def _paused(status: Mapping[str, Any], seconds: float) -> str:
     """Returns for how long the alarm is silent: a pause ends no audio-off."""
-    if client.status()["audio"]["mode"] == AudioMode.OFF.value:
-        return "the alarm sound is switched off already, and stays so until 'probewatch pause --on'"
-    return f"the alarm is silent for {seconds:g} s"
+    if status["audio"]["mode"] == AudioMode.OFF.value:
+        return say("stays off", language_of(status))
+    return say("silent", language_of(status), seconds=f"{seconds:g}")
 
 
-def _without_tone(client: ControlClient) -> str:
+def _without_tone(status: Mapping[str, Any]) -> str:
     """Returns a remark for a cart without a tone output; else an empty text."""
-    signals = {output["signal"] for output in client.status()["outputs"]}
-    return "" if Role.TONE.value in signals else "; this cart has no tone output"
+    signals = {output["signal"] for output in status["outputs"]}
+    return "" if Role.TONE.value in signals else f"; {say('no tone', language_of(status))}"

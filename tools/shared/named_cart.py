@@ -11,6 +11,7 @@ import click
 from click.core import ParameterSource
 
 from appliance.service.control.starting import UNIT_CONFIG, UNIT_SOCKET, NoService, how_to_start
+from appliance.supervision.languages import LANGUAGES
 from drivers.errors import ConfigurationError
 from drivers.files.markup import toml_of
 from drivers.files.regular_file import read_bounded
@@ -101,6 +102,16 @@ def cart_says(section: str, key: str) -> Path | None:
     ConfigurationError for a configuration that was named and cannot be read.
     """
     return _said(click.get_current_context().meta.get(NAMED), section, key)
+
+
+def cart_language() -> str:
+    """Returns the language of the command's cart by its configuration, English where that states none."""
+    file = click.get_current_context().meta.get(NAMED) or CONFIG
+    try:
+        said = toml_of(read_bounded(file, _MOST_BYTES), _MOST_BYTES).get("alarm", {}).get("language")
+    except (OSError, ValueError, AttributeError):
+        return "en"  # what is wrong with a file that was named is told by what needs it
+    return said if isinstance(said, str) and said in LANGUAGES else "en"
 
 
 def start_of(control_socket: Path) -> str:

@@ -12,6 +12,7 @@ from appliance.core.quality.judgement import BROKE, Judgement, bounded, judge
 from appliance.core.quality.proposal import propose
 from appliance.core.quality.verification import Contradiction, VerificationStatus
 from appliance.limits import Limits
+from appliance.storage.alarm_chain import Event
 from appliance.supervision.alarms import (
     DISTURBED,
     EARLIER,
@@ -29,6 +30,7 @@ from appliance.types import PARAMETERS, Check, Fault, PointError, Rival, State, 
 from drivers.samples import Frame, Stamp
 from tests.appliance.core.acquisition.test_input_validation import HEALTHY, noisy, verdicts
 from tests.appliance.core.test_line import truth
+from tools.shared.spoken import SPOKEN
 from tools.shared.status_view import WORDS
 
 NOT_VERIFIED = VerdictKind.NOT_VERIFIED
@@ -69,7 +71,7 @@ def test_nothing_is_translated_that_nobody_says() -> None:
     tables = {text for row in SIGNALS.values() for text in (row.text, row.remedy)}
     tables |= {text for row in FAULT_ROWS.values() for text in row.translations()}
     words = {*WORDS.values(), *(state.value for state in State), OUTDATED, DISTURBED, EARLIER, PARTLY_EARLIER}
-    words |= {NO_CALIBRATION, EXPIRED_CALIBRATION}
+    words |= {NO_CALIBRATION, EXPIRED_CALIBRATION, *SPOKEN.values(), *Event}
     reasons = {text for text in GERMAN if "{" in text and text not in words}
     units = {"deg", "axes"}
     said = {"calibration verified", "verified only in parts", "Probe on tissue", BROKE}
@@ -79,7 +81,7 @@ def test_nothing_is_translated_that_nobody_says() -> None:
 
 
 def test_every_word_of_the_status_is_translated_with_the_same_fields() -> None:
-    assert set(WORDS.values()) <= set(GERMAN)
+    assert {*WORDS.values(), *SPOKEN.values(), *Event} <= set(GERMAN)
     for english, german in GERMAN.items():
         assert sorted(re.findall(r"{[^}]*}", english)) == sorted(re.findall(r"{[^}]*}", german)), english
 

@@ -7,18 +7,20 @@ import pytest
 
 from appliance.service.control.server import ControlRefused, Peer
 from appliance.supervision.alarms import ACKNOWLEDGED
-from tests.support.answering import Answers
+from tests.support.answering import Answers, recorded
 from tests.support.answers import answered
 
 
 class _Refusing(Answers):
     """A service that grants no acknowledgement. why: as its supervisor says it."""
 
-    def __init__(self, path: Path, why: str) -> None:
+    def __init__(self, path: Path, why: str, changes: dict[str, Any] | None = None) -> None:
         super().__init__(path)
-        self._why = why
+        self._why, self.changes = why, {} if changes is None else changes
 
     def _answer(self, do: str, request: dict[str, Any], who: Peer) -> dict[str, Any]:
+        if do == "status":
+            return {"status": recorded(**self.changes)}
         raise ControlRefused(self._why)
 
 
@@ -36,10 +38,16 @@ def test_a_person_is_told_whether_there_is_anything_to_acknowledge(tmp_path: Pat
 
 
 class _Granting(Answers):
-    """A service that grants what it is asked for."""
+    """A service that grants what it is asked for. changes: of its status."""
+
+    def __init__(self, path: Path, **changes: Any) -> None:
+        super().__init__(path)
+        self._changes = changes
 
     def _answer(self, do: str, request: dict[str, Any], who: Peer) -> dict[str, Any]:
-        return {}
+        if do == "status":
+            return {"status": recorded(**self._changes)}
+        return {"acknowledged": "halt: polarity +1 axes, limit 0.5 axes"} if do == "acknowledge" else {}
 
 
 def test_that_a_sensor_was_checked_claims_no_bump_that_nobody_has_seen(tmp_path: Path) -> None:
@@ -48,3 +56,38 @@ def test_that_a_sensor_was_checked_claims_no_bump_that_nobody_has_seen(tmp_path:
         answer = answered("ack", "--bump", "--socket", service.path)
     assert answer.returncode == 0, answer
     assert answer.stdout.startswith("recorded: the tracker's position sensor was checked; an alert of a bump, if")
+
+
+def german(path: Path, **changes: Any) -> _Granting:
+    return _Granting(path, language="de", **changes)
+
+
+def test_a_german_cart_answers_in_german(tmp_path: Path) -> None:
+    """ack, lamp-test and pause answered in English beside a German status."""
+    halted = {"state": "halt", "reason": "polarity +1 axes, limit 0.5 axes", "latched": "halt", "acknowledged": True}
+    with german(tmp_path / "control", **halted) as service:
+        answer = answered("ack", "--socket", service.path)
+        bump = answered("ack", "--bump", "--socket", service.path)
+        lamps = answered("lamp-test", "--socket", service.path)
+        paused = answered("pause", "30", "--socket", service.path)
+    assert answer.stdout == (
+        "quittiert · Halt: Spiegelung +1 Achsen, Grenze 0.5 Achsen\n"
+        "jetzt · Halt: Spiegelung +1 Achsen, Grenze 0.5 Achsen\n"
+        "er endet, sobald die Kalibrierung wieder bestätigt ist: Sonde über Gewebe bewegen, oder neu kalibrieren\n"
+    )
+    assert bump.stdout.startswith("vermerkt: der Positionssensor")
+    assert lamps.stdout.startswith(("fünf Sekunden lang", "dieser Dienst hat weder"))
+    assert paused.stdout.startswith("der Alarm ist 30 s lang stumm")
+
+
+@pytest.mark.parametrize(
+    ("why", "said"),
+    [
+        ("not possible while not verified", "es gibt nichts zu quittieren: nicht möglich im Zustand nicht bestätigt"),
+        (ACKNOWLEDGED, "schon quittiert; er endet, sobald die Kalibrierung wieder bestätigt ist"),
+    ],
+)
+def test_a_german_cart_refuses_in_german(tmp_path: Path, why: str, said: str) -> None:
+    with _Refusing(tmp_path / "control", why, {"language": "de"}) as service:
+        answer = answered("ack", "--socket", service.path)
+    assert (answer.returncode, answer.stderr) == (75, f"probewatch: {said}\n")

@@ -263,3 +263,22 @@ def test_a_pause_of_the_sound_says_how_long_it_was(tmp_path: Path) -> None:
     log = AlarmLog(tmp_path / "alarms")
     log.append(NOON, 0, "request", {"do": "pause-audio", "who": "anna, process 7", "seconds": "30.0"}, None)
     assert "request: pause-audio by anna, process 7: 30 s\n" in asked(tmp_path / "alarms").stdout
+
+
+def test_the_log_of_a_german_cart_is_told_in_german(folder: Path) -> None:
+    """It was English beside a German status; a reason that cannot be translated whole stays English."""
+    reason = "polarity +1 axes, limit 0.5 axes"
+    data = {"state": "halt", "fault": "polarity", "reason": reason}
+    AlarmLog(folder).append(NOON, 9, "state", data, Latch("halt", "polarity"))
+    cart = folder.parent / "cart.toml"
+    cart.write_text('[alarm]\nlanguage = "de"\n')
+    result = asked(folder, "--config", str(cart))
+    told = result.stdout.splitlines()
+    assert told[2].endswith("Zustand: Halt (scale) · as it is [gehalten: Halt]"), told
+    assert told[4].endswith("Anfrage: acknowledge durch anna, process 7")
+    assert told[5].endswith("Zustand: Halt (polarity) · Spiegelung +1 Achsen, Grenze 0.5 Achsen [gehalten: Halt]")
+    assert result.stderr == "6 Einträge, die Kette ist heil\n"
+    none = asked(folder, "--config", str(cart), "--state", "recalibrating")
+    assert none.stderr.startswith("keiner der 6 Einträge passt\n")
+    chosen = asked(folder, "--config", str(cart), "--state", "halt").stdout
+    assert len(chosen.splitlines()) == 2, "options keep the words of the log"

@@ -1,0 +1,52 @@
+"""What the operator's commands say themselves, in the language of the cart; German is in
+appliance.supervision.languages.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+from appliance.supervision.alarms import NOT_NOW
+from appliance.supervision.languages import LANGUAGES, translated, translated_text
+
+SPOKEN = {
+    "bump": "recorded: the tracker's position sensor was checked; an alert of a bump, if there was one, ends",
+    "another": "this is another alarm; it has not been acknowledged yet",
+    "ends": "it ends once the calibration is verified again: move the probe over tissue, or recalibrate",
+    "now": "now",
+    "nothing": "there is nothing to acknowledge",
+    "not now": NOT_NOW,
+    "already": "already acknowledged, waiting until the calibration is verified again",
+    "no lamps": "this service has no lamp and no tone, only the contact; see [[output]] in its configuration",
+    "lamps": "for five seconds these must light up or sound:",
+    "sound on": "the alarm sound is on again",
+    "sound off": "the alarm is silent until 'probewatch pause --on'; it reminds once a minute",
+    "stays off": "the alarm sound is switched off already, and stays so until 'probewatch pause --on'",
+    "silent": "the alarm is silent for {seconds} s",
+    "no tone": "this cart has no tone output",
+    "no match": "none of the {number} entries matches",
+    "whole": "{number} entries, the chain is whole",
+    "broken": "the chain is NOT whole",
+    "written": "{number} entries written to {file}",
+    "latched": "latched",
+    "by": "by",
+}
+"""Every text of `ack`, `lamp-test`, `pause` and `log` that the service does not say itself."""
+
+
+def say(name: str, language: str, **fields: object) -> str:
+    """Returns one of SPOKEN in the language."""
+    return translated(SPOKEN[name], language).format(**fields)
+
+
+def say_change(text: str, language: str) -> str:
+    """Returns a state and its reason, such as "halt: mirrored", in the language; the reason stays English where it
+    cannot be translated whole.
+    """
+    state, colon, reason = text.partition(": ")
+    return f"{translated_text(state, language)}{colon}{translated_text(reason, language)}"
+
+
+def language_of(status: Mapping[str, Any]) -> str:
+    """Returns the language of the cart by its status; English where this version has no other."""
+    said = status.get("language", "en")
+    return said if said in LANGUAGES else "en"
