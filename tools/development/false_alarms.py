@@ -70,10 +70,10 @@ class Quiet:
 
     def rows(self) -> list[Row]:
         """Play it."""
-        return [dict(zip(KEYS, self.key, strict=True)) | _Played(self).row()]
+        return [dict(zip(KEYS, self.key, strict=True)) | Played(self).row()]
 
 
-class _Played:
+class Played:
     """signs: how often something came to speak against the calibration, or for a distorted field; withdrawn: of those,
     how many while it was OK. choices, faults: how often `undecided`, and a FAULT of any other name, began. peaks, bent:
     of each block, of the sequential test and of a distorted field, where they are not 0. Beside them, how often the
