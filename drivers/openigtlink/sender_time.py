@@ -5,7 +5,7 @@ arrival either, so the bound grows by whichever is less: where messages come qui
 nothing.
 """
 
-from drivers.clock.counter_clock import DeviceClock
+from drivers.clock.device_clock import DeviceClock
 from drivers.clock.monotonic_stamps import MonotonicStamps
 from drivers.clock.ticks import Ticks
 from drivers.samples import Stamp

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from appliance.supervision.alarms import operator_text
-from drivers.clock.counter_clock import DeviceClock
+from drivers.clock.device_clock import DeviceClock
 from drivers.rigid import rigid, rotation_from_vector
 from drivers.samples import Pose, PoseStatus, Sample
 from drivers.trackers.ndi.exchange import Answer

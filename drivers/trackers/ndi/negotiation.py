@@ -2,7 +2,8 @@
 
 from dataclasses import dataclass
 
-from drivers.clock.counter_clock import CounterClock, DeviceClock
+from drivers.clock.counter_clock import CounterClock
+from drivers.clock.device_clock import DeviceClock
 from drivers.clock.host_clock import HostClock
 from drivers.errors import DeviceLost
 from drivers.trackers.ndi.counter_rate import frame_counter_hz

@@ -9,7 +9,7 @@ from collections import deque
 from dataclasses import dataclass
 from pathlib import Path
 
-from drivers.clock.counter_clock import DeviceClock
+from drivers.clock.device_clock import DeviceClock
 from drivers.clock.host_clock import HostClock
 from drivers.clock.monotonic_stamps import MonotonicStamps
 from drivers.closable import Closable
