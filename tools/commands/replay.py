@@ -11,14 +11,11 @@ from rich.console import Console
 from rich.progress import track
 
 from appliance.configuration.config import load_config
-from appliance.core.handeye.second_opinion import SecondOpinion
 from appliance.core.line import Line
-from appliance.core.quality.check_fields import limits_fields, point_fields
-from appliance.core.quality.report import VERSION, Change, LineReport, report_json
+from appliance.core.quality.report import VERSION
 from appliance.storage.black_box import Series
 from appliance.storage.calibration_file import calibration_bytes, check_own_name, is_device_set, read_calibration
 from appliance.supervision.timeline import Judging
-from appliance.types import Calibration, Check
 from drivers.descriptor import FILM_SUFFIXES
 from drivers.errors import RecordingError
 from drivers.files.atomic_file import check_apart, check_new
@@ -34,13 +31,10 @@ from tools.shared.estimate import write_estimate
 from tools.shared.fault_at import fault_at
 from tools.shared.found_recordings import SUFFIXES, found, is_there
 from tools.shared.json_report import json_option, text_aside
-from tools.shared.point_text import point_text
-from tools.shared.profile_text import profile_text
 from tools.shared.recording_options import recording_options
 from tools.shared.recording_run import BlackBoxSession, Seen, nobody, run, run_series
-from tools.shared.rerun import Comparison
+from tools.shared.replay_outcome import Outcome, print_outcome
 from tools.shared.subject import Subject
-from tools.shared.tables import NOTHING, FittingTable
 from tools.shared.terminal import progress_bar
 from tools.study.archive import ArchiveTask, archive_table
 from tools.study.workers import results
@@ -158,7 +152,7 @@ def command(
     outcome = _replayed(one, calibration, judging, schedule, names, nobody if html_path is None else trace)
     files = [*(_parts(one) or with_pictures(_path(one))), *([] if poses is None else [poses])]
     subject = Subject.of(files, calibration, config_path, schedule)
-    _print(outcome, subject)
+    print_outcome(outcome, subject)
     write_report({**outcome.fields(), "of": subject.fields()})
     if html_path is not None:
         kept = subject, outcome.path.name, trace, outcome.report, outcome.timeline, outcome.comparison, outcome.damage
@@ -183,29 +177,9 @@ class _Names:
     orientation: str | None
 
 
-@dataclass(frozen=True)
-class _Outcome:
-    """The result. `nominal` is the named calibration, None for a black box judged by its own. `damage` describes the
-    file's damage.
-    """
-
-    path: Path
-    report: LineReport
-    timeline: list[Change]
-    nominal: Calibration | None = None
-    comparison: Comparison | None = None
-    damage: str = ""
-
-    def fields(self) -> dict[str, object]:
-        """The report's public contract; `black_box` is included for a black box judged by its own calibration."""
-        fields = report_json(self.report, self.timeline)
-        found = self.comparison
-        return fields if found is None else {**fields, "black_box": _box_fields(found, self.damage)}
-
-
 def _replayed(
     one: Path | Series, calibration: Path | None, judging: Judging | None, schedule: Schedule, names: _Names, seen: Seen
-) -> _Outcome:
+) -> Outcome:
     if isinstance(one, Series) and calibration is None:
         _refuse_without_effect(
             poses=names.poses, probe=names.probe, reference=names.reference, orientation=names.orientation
@@ -213,7 +187,7 @@ def _replayed(
         if schedule.episodes:
             raise click.UsageError("--inject needs --calibration")
         report, timeline, comparison = run_series(one, judging, _progress(None), seen)
-        return _Outcome(_path(one), report, timeline, None, comparison, one.damage_text)
+        return Outcome(_path(one), report, timeline, None, comparison, one.damage_text)
     if calibration is None:
         raise click.UsageError("Missing option '--calibration': only a black box brings its own")
     if isinstance(one, Series):
@@ -233,7 +207,7 @@ def _replayed(
     line = Line(nominal, judged.limits, judged.timeouts.stale_ns)
     report, timeline = run(session, line, schedule, judged, _progress(len(session)), seen)
     damage = one.damage_text if isinstance(one, Series) else ""
-    return _Outcome(_path(one), report, timeline, nominal, None, damage)
+    return Outcome(_path(one), report, timeline, nominal, None, damage)
 
 
 def _refuse_late(schedule: Schedule, end_s: float) -> None:
@@ -307,27 +281,6 @@ def _print_several(tasks: list[ArchiveTask], jobs: int) -> list[dict[str, str]]:
     return rows
 
 
-def _box_fields(comparison: Comparison, damage: str) -> dict[str, object]:
-    return {
-        "recorded_verdicts": comparison.recorded,
-        "equal_verdicts": comparison.equal,
-        "bit_for_bit": comparison.exact if comparison.recorded else None,
-        "first_difference": comparison.difference or None,
-        "gaps": comparison.gaps,
-        "verdicts_without_past": comparison.without_past,
-        "equal_anyway": comparison.equal_anyway,
-        "same_kind_and_fault": comparison.alike,
-        "ok_only_live": comparison.unproved,
-        "ok_only_now": comparison.proved,
-        "told_live": [
-            {"t_s": one.t_ns / 1e9, "state": one.state, "fault": one.fault or None, "reason": one.reason}
-            for one in comparison.told
-        ],
-        "text": comparison.text,
-        "damage": damage or None,
-    }
-
-
 def _judging(config_path: Path) -> Judging:
     config = load_config(config_path)
     return Judging(config.limits, config.supervisor.durations(), config.supervisor.timeouts())
@@ -343,64 +296,3 @@ def _progress(total: int | None) -> Callable[[Iterable[_Item]], Iterator[_Item]]
         return iter(track(items, "replay", total, transient=True, console=console))
 
     return shown
-
-
-def _print(outcome: _Outcome, subject: Subject) -> None:
-    report = outcome.report
-    if subject.spoiled:
-        click.secho(subject.spoiled, fg="red", bold=True)
-    for name, said in subject.rows():
-        click.echo(f"{name + ':':<18}{said}")
-    click.echo(f"{outcome.path.name}: {report.frames} frames, {report.poses} poses, {report.paired} paired")
-    if outcome.damage:
-        click.secho(f"  damaged: {outcome.damage}", fg="yellow")
-    if outcome.comparison is not None:
-        click.echo(f"  {outcome.comparison.sentence}")
-    for reason, number in report.unpaired.items():
-        click.echo(f"  {number} not paired: {reason}")
-    for reason, number in report.unusable.items():
-        click.echo(f"  {number} poses cannot be used: {reason}")
-    Console(file=sys.stdout, highlight=False).print(_table(report), crop=False)
-    click.echo(f"{report.motions} motions of the probe went into the estimate")
-    if report.follow is not None and report.follow.gives_way:
-        share, sigma = 100 * report.follow.share, 100 * report.follow.sigma
-        click.echo(f"the tissue gives way: it follows the probe's face by {share:.0f} ± {sigma:.0f} %")
-    if report.second_opinion is not None:
-        click.echo(_second_opinion(report.second_opinion))
-    click.echo(profile_text(limits_fields(report.limits)))
-    click.echo(point_text(point_fields(report.verdict.t_ns, report.verdict.point, report.limits.region)))
-    _print_states(outcome)
-    if report.proposal is not None:
-        click.echo("\n".join(f"→ {clause}" for clause in report.proposal.text.split("; ")))
-    fault = f" · {report.verdict.fault}" if report.verdict.fault else ""
-    spoiled = f"{subject.spoiled}; " if subject.spoiled else ""
-    click.echo(f"{spoiled}verdict: {report.verdict.kind.value}{fault}  {report.verdict.reason}")
-
-
-def _print_states(outcome: _Outcome) -> None:
-    """Prints the states as judged now, then those reported live."""
-    for change in outcome.timeline:
-        click.echo(f"{change.t_s:8.2f} s  {change.state.value}: {change.reason}")
-    for told in () if outcome.comparison is None else outcome.comparison.told:
-        click.echo(f"{told.t_ns / 1e9:8.2f} s  reported live: {told.state}: {told.reason}")
-
-
-def _second_opinion(opinion: SecondOpinion) -> str:
-    lateral, axial = (
-        f"{scale:.4f} ± {scale * sigma:.4f}"
-        for scale, sigma in zip(opinion.scale_mm_per_px, opinion.sigma[3:], strict=True)
-    )
-    return f"closed form, without the reference ({opinion.form}, {opinion.pairs} pairs): {lateral} and {axial} mm/px"
-
-
-def _table(report: LineReport) -> FittingTable:
-    latency = () if report.latency is None or report.latency in report.checks else (report.latency,)
-    headings = ("check", "value", "± 1σ", "limit", "of limit", "verdict")
-    return FittingTable(headings, [_cells(check) for check in (*latency, *report.checks)])
-
-
-def _cells(check: Check) -> tuple[str, ...]:
-    if check.value != check.value:
-        return check.name, NOTHING, NOTHING, f"{check.limit:g} {check.unit}", NOTHING, check.verdict.value
-    value, sigma = f"{check.value:.3g} {check.unit}", f"{check.sigma:.2g}"
-    return check.name, value, sigma, f"{check.limit:g} {check.unit}", f"{check.ratio:.3g}", check.verdict.value

@@ -17,13 +17,13 @@ from appliance.service.control.status import point_known
 from appliance.storage.black_box_fields import fields_of
 from appliance.types import AlarmState, PointError, State, Verdict, VerdictKind
 from tests.support.answering import recorded
-from tools.commands.replay import _Outcome, _print
 from tools.monitoring.reading import found
 from tools.openigtlink.wording import fields_of as openigtlink_fields
 from tools.page.room import room
 from tools.report.recording_page import write_recording_page
 from tools.report.trace import Trace
 from tools.shared.point_text import point_text
+from tools.shared.replay_outcome import Outcome, print_outcome
 from tools.shared.status_view import StatusView, one_line
 from tools.shared.status_watch import Seen
 from tools.shared.subject import Subject
@@ -44,7 +44,7 @@ def terminal(status: dict[str, Any]) -> str:
 
 
 def replayed(capsys: pytest.CaptureFixture[str]) -> str:
-    _print(_Outcome(Path("x.mha"), REPORT, []), SUBJECT)
+    print_outcome(Outcome(Path("x.mha"), REPORT, []), SUBJECT)
     return capsys.readouterr().out
 
 

@@ -11,11 +11,11 @@ from appliance.core.quality.report import LineReport, report_json
 from appliance.limits import Limits
 from appliance.types import Verdict, VerdictKind
 from tests.support.answering import recorded
-from tools.commands.replay import _Outcome, _print
 from tools.openigtlink.wording import fields_of as openigtlink_fields
 from tools.page.room import room
 from tools.report.recording_page import write_recording_page
 from tools.report.trace import Trace
+from tools.shared.replay_outcome import Outcome, print_outcome
 from tools.shared.status_view import StatusView, one_line
 from tools.shared.status_watch import Seen
 from tools.shared.subject import Subject
@@ -41,7 +41,7 @@ def test_whoever_shows_limits_names_their_profile(tmp_path: Path, capsys: pytest
     assert room({**status, "language": "de"})["limits"] == "Grenzen: fine, außer offset_mm 10"
     assert openigtlink_fields(Seen(status, 0))["limits"] == FIELDS
     assert report_json(REPORT, [])["limits"] == FIELDS
-    _print(_Outcome(Path("x.mha"), REPORT, []), SUBJECT)
+    print_outcome(Outcome(Path("x.mha"), REPORT, []), SUBJECT)
     assert SAID in capsys.readouterr().out
     write_recording_page(tmp_path / "x.html", SUBJECT, "x.mha", Trace(), REPORT, [], None, "")
     assert SAID in (tmp_path / "x.html").read_text(encoding="utf-8")
