@@ -17,13 +17,14 @@ ABOUT = {
     "mutation": (
         *("appliance/supervision", "appliance/limits.py", "appliance/types.py", "appliance/service/host"),
         *(
+            "drivers/closable.py",
             "drivers/errors.py",
             "drivers/printable.py",
             "drivers/rigid.py",
             "drivers/samples.py",
             "drivers/suggestion.py",
         ),
-        *("tests/appliance/supervision", "tests/conftest.py", "tests/rules"),
+        *("tests/appliance/supervision", "tests/conftest.py", "tests/rules", "tests/support/supervised.py"),
     ),
     "deb": (
         *("systemd", "config", "requirements.lock", "README.md", "LICENSE", "tests/systemd"),
