@@ -24,9 +24,9 @@ from tests.support.demo_cart import PROBEWATCH
 from tests.support.polling import until
 from tests.support.stopwatch import Stopwatch
 from tools.cli import probewatch
-from tools.commands.metrics import _address
 from tools.monitoring.endpoint import Endpoint
 from tools.monitoring.reading import Exposition
+from tools.shared.listen_address import listen_address
 
 HOSTILE = [
     b"",
@@ -137,11 +137,11 @@ def test_an_address_that_is_taken_is_refused(endpoint: Endpoint) -> None:
 @pytest.mark.parametrize("listen", ["", "9797", "localhost", "a:b", "a:70000", ":1", "a:\u0663"])
 def test_what_is_no_address_is_refused(listen: str) -> None:
     with pytest.raises(ConfigurationError, match="HOST:PORT"):
-        _address(listen)
+        listen_address(listen, "127.0.0.1:9797")
 
 
 def test_an_ipv6_address() -> None:
-    assert _address("[::1]:9797") == ("::1", 9797)
+    assert listen_address("[::1]:9797", "127.0.0.1:9797") == ("::1", 9797)
 
 
 def run(*arguments: object) -> "subprocess.Popen[str]":
