@@ -16,12 +16,13 @@ from appliance.core.detectors import dissolved_picture, picture_chain
 from appliance.core.detectors.picture_chain import PictureChain
 from appliance.core.line import Line
 from appliance.core.path.window import PathWindow
+from appliance.core.quality.confirmation import Memory, Solved, decide
 from appliance.core.quality.evidence import Evidence
 from appliance.core.quality.examination import Finding
 from appliance.core.quality.stationary_time import StationaryTime
 from appliance.core.quality.verification import Contradiction, Verification
 from appliance.core.spread_work import Steps
-from appliance.limits import RequiredAges
+from appliance.limits import Limits, RequiredAges
 from appliance.types import Check, StampedPair, Verdict, VerdictKind
 from tests.invariant import test_invariant as holes
 from tests.invariant.cart import Cart
@@ -99,7 +100,10 @@ def never_named(monkeypatch: pytest.MonkeyPatch) -> None:
     def nothing(self: Evidence, finding: Finding, whole: PathWindow, now_ns: int) -> Steps[None]:
         yield from ()
 
-    monkeypatch.setattr(Evidence, "_premature", lambda self, failed, now_ns: failed)
+    def doubtful(memory: Memory, solved: Solved, limits: Limits) -> tuple[Memory, frozenset[str]]:
+        return decide(memory, solved, limits)[0], solved.finding.failed
+
+    monkeypatch.setattr("appliance.core.quality.evidence.decide", doubtful)
     monkeypatch.setattr(Evidence, "_accused", nothing)
 
 
