@@ -70,6 +70,9 @@ def whole(body: dict[str, Any], name: str) -> int:
 
 
 def number(body: dict[str, Any], name: str) -> float:
-    """Returns the number of that name; NaN where there is none."""
+    """Returns the number of that name; NaN where there is none, or one that no float can hold."""
     value = body.get(name)
-    return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else float("nan")
+    try:
+        return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else float("nan")
+    except OverflowError:
+        return float("nan")

@@ -49,6 +49,8 @@ alive; shorter asks for nothing."""
 _LOOK_S = 0.02
 """Between two looks for a newer picture: a fifth of the time between two at ten a second."""
 _NO_TOKEN = "a token is needed: probewatch page --token gives one"
+_MOST_DIGITS = 9
+"""Of the number of a view. Python refuses to read one of more than 4300 with an error that is ours."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +90,7 @@ class Page:
             Route("/files/{name}", self._file),
             Route(EVENTS, self._events),
             Route("/picture", self._picture),
-            Route("/view/{index:int}", self._view),
+            Route("/view/{index}", self._view),
             Route("/token", self._token, methods=["POST"]),
             Route("/request/{what}", self._request, methods=["POST"]),
             Route("/recalibration/{what}", self._recalibration, methods=["POST"]),
@@ -184,7 +186,9 @@ class Page:
 
     async def _view(self, request: Request) -> Response:
         """What was around the crossing of one view."""
-        image = self._parts.session.thumbnail(request.path_params["index"])
+        index = request.path_params["index"]
+        known = index.isascii() and index.isdecimal() and len(index) <= _MOST_DIGITS
+        image = self._parts.session.thumbnail(int(index)) if known else None
         if image is None:
             return Response("there is no such view\n", 404, media_type="text/plain")
         return Response(jpeg(image), media_type="image/jpeg", headers={"Cache-Control": "no-store"})

@@ -96,7 +96,8 @@ def test_the_page_is_its_own_files_and_may_run_nothing_else(web: WebPage) -> Non
 
 
 @pytest.mark.parametrize(
-    "path", ["/files/", "/files/server.py", "/files/..%2fserver.py", "/nothing", "/view/3", "/%00"]
+    "path",
+    ["/files/", "/files/server.py", "/files/..%2fserver.py", "/nothing", "/view/3", "/%00", f"/view/{'9' * 4400}"],
 )
 def test_there_is_nothing_else(web: WebPage, path: str) -> None:
     assert asked(web, "GET", path).status == 404
@@ -235,6 +236,9 @@ def test_a_token_opens_what_changes_something_and_a_refusal_is_told(web: WebPage
     ):
         assert asked(web, "POST", "/recalibration/begin", body, **key).status == status
     assert asked(web, "POST", "/recalibration/strike", {"index": "x"}, **key).status == 409
+    for act, field in (("begin", "water_c"), ("correct", "column"), ("check", "point")):
+        large = [10**400] * 3 if field == "point" else 10**400
+        assert asked(web, "POST", f"/recalibration/{act}", {**begin, field: large}, **key).status == 409, act
     assert asked(web, "POST", "/recalibration/nothing", {}, **key).status == 404
     assert asked(web, "POST", "/recalibration/begin", begin, Cookie="probewatch=guessed").status == 403
 
