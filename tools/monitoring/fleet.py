@@ -183,7 +183,7 @@ def _series(base: str, content: bytes) -> list[tuple[Mapping[str, str], float]]:
             raise ValueError("it is too long")
         found = json.loads(content)["data"]["result"]
         return [({str(k): str(v) for k, v in one["metric"].items()}, float(one["value"][1])) for one in found]
-    except (ValueError, KeyError, TypeError, AttributeError, IndexError, RecursionError) as error:
+    except (ValueError, KeyError, TypeError, AttributeError, IndexError, RecursionError, OverflowError) as error:
         raise _lost(base, f"what answers is not Prometheus ({error})") from None
 
 

@@ -132,6 +132,7 @@ def test_no_cart_at_all_is_not_well(server: Server) -> None:
     "raw",
     [
         (200, b""),
+        (200, b'{"data": {"result": [{"metric": {}, "value": [0, %s]}]}}' % (b"9" * 400)),
         (200, b"<html>"),
         (200, b"[]"),
         (200, b'{"data": {"result": [{"metric": {}, "value": [0]}]}}'),
@@ -141,7 +142,7 @@ def test_no_cart_at_all_is_not_well(server: Server) -> None:
         (422, b"{}"),
         (500, b""),
     ],
-    ids=range(9),
+    ids=range(10),
 )
 def test_what_is_no_answer_is_refused(raw: tuple[int, bytes], server: Server) -> None:
     server.raw = raw
