@@ -10,7 +10,11 @@ ORTHOGONAL_WITHIN = 1e-3
 """Error of any element of R Rᵀ. More could hide .06° of shear or .05 % of scale; the tightest limits are .5° and .5 %.
 Less would refuse a matrix whose elements were rounded to three decimals. Not measured.
 """
-_IDENTITY = np.eye(3)  # made once: every pose is held against it
+FURTHEST_MM = 1e6
+"""Of a body, as the drivers have it (drivers.trackers.pose_bounds). More lets in numbers that the solver cannot square:
+1e155 mm once ended the line with an exception. Less gains nothing: no tracker sees so far.
+"""
+_IDENTITY, _LAST_ROW = np.eye(3), np.array([0, 0, 0, 1])  # made once: every pose is held against it
 
 
 def checked_pose(pose: Pose) -> Pose:
@@ -41,4 +45,6 @@ def _refused(matrix: np.ndarray) -> str:
         return "pose matrix with values that are not finite"
     R = matrix[:3, :3]
     rigid = np.abs(R @ R.T - _IDENTITY).max() <= ORTHOGONAL_WITHIN and np.linalg.det(R) > 0
-    return "" if rigid else "pose matrix that is not a rigid transform"
+    if not rigid or np.abs(matrix[3] - _LAST_ROW).max() > ORTHOGONAL_WITHIN:
+        return "pose matrix that is not a rigid transform"
+    return "pose matrix further away than any tool" if np.abs(matrix[:3, 3]).max() > FURTHEST_MM else ""

@@ -5,11 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from appliance.core.acquisition.input_validation import checked_pose, refused_picture
+from appliance.core.acquisition.input_validation import FURTHEST_MM, checked_pose, refused_picture
 from appliance.core.line import Line
 from appliance.limits import Limits
 from appliance.types import Calibration, Verdict, VerdictKind
 from drivers.samples import Frame, Pose, PoseStatus, Stamp
+from drivers.trackers import pose_bounds
 from drivers.twins.scene.world import World
 from tests.appliance.core.test_line import truth
 from tests.support.rendered import SMALL
@@ -71,9 +72,11 @@ def test_two_identical_pictures_show_no_motion_and_no_fault() -> None:
         (np.zeros((4, 4)), "not a rigid transform"),
         (np.diag([1.0, 1, -1, 1]), "not a rigid transform"),
         (np.diag([2.0, 2, 2, 1]), "not a rigid transform"),
+        (np.eye(4) + np.outer([0, 0, 0, 1], [3.0, 4, 5, 0]), "not a rigid transform"),
+        (np.eye(4) + np.outer([1e155, 0, 0, 0], [0, 0, 0, 1]), "further away than any tool"),
         (np.eye(3), "of shape (3, 3)"),
     ],
-    ids=["nan", "inf", "zeros", "mirror", "scaled", "3x3"],
+    ids=["nan", "inf", "zeros", "mirror", "scaled", "transposed", "far", "3x3"],
 )
 def test_poses_that_are_no_rigid_transform_are_faults_of_the_tracker(spoilt: np.ndarray, reason: str) -> None:
     pose = checked_pose(Pose(Stamp(0, 0), 1, spoilt, 0.1, PoseStatus.OK))
@@ -83,6 +86,10 @@ def test_poses_that_are_no_rigid_transform_are_faults_of_the_tracker(spoilt: np.
     line, found = verdicts(pictures, [spoilt] * 4)
     assert line.report().paired == 0
     assert not any(v.kind is VerdictKind.OK for v in found)
+
+
+def test_the_line_takes_no_pose_that_drivers_refuse_as_too_far() -> None:
+    assert FURTHEST_MM == pose_bounds.FURTHEST_MM
 
 
 def test_a_second_body_without_a_rigid_pose_is_left_out_and_the_first_stays() -> None:
