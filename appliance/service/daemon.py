@@ -31,6 +31,7 @@ from appliance.service.host.host_watch import HostWatch
 from appliance.service.host.log import get_log
 from appliance.service.host.pressure import Pressure
 from appliance.service.host.recorder import Recorder
+from appliance.service.host.sleep_watch import Bounds, slept_ns
 from appliance.service.host.systemd_notify import Notifier
 from appliance.service.tick import Tick
 from appliance.storage.alarm_chain import Event
@@ -48,13 +49,14 @@ the contact; shorter lets a fast camera take the processor: 100 ticks a second a
 class Surroundings:
     """What the service takes of the computer it runs on, beside the clock and the files.
 
-    pressure, worker: are made once. wall_ns: time of the calendar.
+    pressure, worker: are made once. wall_ns: time of the calendar. slept: for how long the computer has slept.
     """
 
     openers: Openers = field(default_factory=Openers)
     pressure: Callable[[], Pressure] = Pressure
     worker: Callable[[], DeadlineWorker] = DeadlineWorker
     wall_ns: Callable[[], int] = time.time_ns
+    slept: Callable[[], Bounds] = slept_ns
 
 
 class Daemon:
@@ -77,7 +79,9 @@ class Daemon:
         self._clock, self._references, self._estimator, self._control = clock, references, estimator, control
         self._recorder = Recorder(config.alarm.folder, clock)
         self._events = EventLog(self._recorder, config.simulated)
-        self._host = HostWatch(TICK_NS, self._recorder, self._events.note, clock, around.pressure(), around.wall_ns)
+        self._host = HostWatch(
+            TICK_NS, self._recorder, self._events.note, clock, around.pressure(), around.wall_ns, around.slept
+        )
         self._devices = CartDevices(config, estimator.put, clock, around.openers)
         onlookers = Onlookers.of(config)
         self._feed = FeedHost(config.feed_socket, config.control.group, onlookers.all, onlookers.without_pictures)

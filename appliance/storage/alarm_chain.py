@@ -49,6 +49,7 @@ class Event(StrEnum):
     OVERLOADED = "overloaded"
     OVERLOAD_ENDED = "overload-ended"
     WALL_CLOCK = "wall-clock"
+    SLEPT = "slept"
 
 
 @dataclass(frozen=True, slots=True)

@@ -193,6 +193,7 @@ class SimulatedCart:
 
     now_s: the cart's time since it was made. lateness_s: by how much each tick comes too late. pressure: share of the
     time for which programs wait for the processor, as the kernel tells it. utc: the calendar's time at the cart's 0.
+    slept_s: for how long the computer has slept so far.
     """
 
     def __init__(self, folder: Path, make_line: MakeLine | None = None, seed: int = 3, more: str = "") -> None:
@@ -203,7 +204,7 @@ class SimulatedCart:
         self._make_line = make_line or self._trusting
         self.scanner = Device(self.clock, round(1e9 / FPS), self.picture)
         self.tracker = Device(self.clock, round(1e9 / POSES_HZ), self.pose)
-        self.lateness_s = self.pressure = 0.0
+        self.lateness_s = self.pressure = self.slept_s = 0.0
         self.utc = datetime.now(UTC)
         self._fault = ""
         self.changes: list[Change] = []
@@ -279,6 +280,7 @@ class SimulatedCart:
             lambda: Pressure(self.folder / "proc", self.folder / "no groups"),
             lambda: DeadlineWorker(timeout_s),
             self._wall_ns,
+            lambda: (round(self.slept_s * 1e9), round(self.slept_s * 1e9)),
         )
         with ExitStack() as running:
             running.callback(structlog.reset_defaults)

@@ -263,6 +263,7 @@ _TEXTS: Mapping[str, Callable[[Mapping[str, Any]], str]] = {
     Event.OVERLOADED: _overloaded,
     Event.OVERLOAD_ENDED: _overload_ended,
     Event.WALL_CLOCK: _stepped,
+    Event.SLEPT: lambda data: f"the computer slept for {data.get('for_s')} s",
     Event.PROPOSAL: lambda data: str(data.get("text")),
     Event.UNDECIDED: lambda data: str(data.get("text")),
 }

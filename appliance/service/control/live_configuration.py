@@ -59,8 +59,7 @@ class LiveConfiguration:
         self._supervisor.retime(self.config.supervisor.durations())
         timeouts, self.timeouts = self.timeouts, self.config.supervisor.timeouts()
         if (self.config.limits, self.timeouts.stale_ns) != (before.limits, timeouts.stale_ns):
-            self._estimator.set_limits(self.config.limits, self.timeouts.stale_ns)
-            self._supervisor.invalidate_verification()
+            self.verify_anew()
         elif self.config.supervisor.max_verification_age_s > before.supervisor.max_verification_age_s:
             self._supervisor.invalidate_verification()  # what has expired does not count again
         if self.config != before:
@@ -68,6 +67,11 @@ class LiveConfiguration:
             rest = {"noise": noise_fields(self.config), "limits": limits_fields(self.config.limits)}
             self._events.note(Event.RELOADED, **fields, **rest)
         self._log.info("configuration reloaded", file=str(self.file))
+
+    def verify_anew(self) -> None:
+        """What was shown until now counts no more: other limits hold, or nobody knows what happened meanwhile."""
+        self._estimator.set_limits(self.config.limits, self.timeouts.stale_ns)
+        self._supervisor.invalidate_verification()
 
 
 def _taken(running: Config, written: Config, file: Path) -> Config:

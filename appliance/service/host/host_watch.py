@@ -1,4 +1,6 @@
-"""What the tick asks of this computer: is it in time, does its wall clock step, does the disk of the log answer."""
+"""What the tick asks of this computer: is it in time, has it slept, does its wall clock step, does the disk of the log
+answer.
+"""
 
 import time
 from collections.abc import Callable
@@ -8,6 +10,7 @@ from appliance.service.host.log import get_log
 from appliance.service.host.overload_watch import OverloadWatch
 from appliance.service.host.pressure import Pressure
 from appliance.service.host.recorder import Recorder
+from appliance.service.host.sleep_watch import Bounds, SleepWatch, slept_ns
 from appliance.service.host.tick_meter import TickMeter
 from appliance.service.host.wall_clock import WallClock
 from appliance.storage.alarm_chain import Event
@@ -16,7 +19,7 @@ from drivers.clock.host_clock import HostClock
 
 class HostWatch:
     """period_ns: how often the tick is due. note: writes an entry of the alarm log. wall_ns: time of the calendar.
-    overload, ticks: what was found.
+    slept: as of `SleepWatch`. overload, ticks: what was found. woke: whether it has slept since the last tick.
     """
 
     def __init__(
@@ -27,10 +30,13 @@ class HostWatch:
         clock: HostClock,
         pressure: Pressure,
         wall_ns: Callable[[], int] = time.time_ns,
+        slept: Callable[[], Bounds] = slept_ns,
     ) -> None:
         self.overload = OverloadWatch(period_ns, note, clock, pressure)
         self.ticks = TickMeter(period_ns)
         self._wall_clock, self._wall_ns, self._clock = WallClock(), wall_ns, clock
+        self._sleep = SleepWatch(slept)
+        self.woke = False
         self._recorder, self._note = recorder, note
         self._log = get_log()
 
@@ -41,7 +47,15 @@ class HostWatch:
         if by_s is not None:
             self._log.warning("wall clock stepped", by_s=round(by_s, 3))
             self._note(Event.WALL_CLOCK, by_s=round(by_s, 3))
+        self._look_for_sleep()
         self._recorder.watch(self.overload.since_ns is not None)
+
+    def _look_for_sleep(self) -> None:
+        for_s = self._sleep.look()
+        self.woke = for_s is not None
+        if for_s is not None:
+            self._log.warning("the computer slept", for_s=round(for_s, 3))
+            self._note(Event.SLEPT, for_s=round(for_s, 3))
 
     def fields(self, now_ns: int) -> dict[str, Any]:
         """Fields for the status."""

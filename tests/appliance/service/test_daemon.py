@@ -25,9 +25,12 @@ from appliance.service.control.status_fields import STATUS
 from appliance.storage.alarm_chain import read_log
 from appliance.storage.calibration_file import read_calibration, write_calibration
 from appliance.storage.image_to_probe import image_to_probe
+from appliance.types import Verdict, VerdictKind
+from drivers.samples import Sample
 from tests.support.answers import Answer, answered
 from tests.support.demo_cart import PROBEWATCH
 from tests.support.simulated_cart import SimulatedCart
+from tests.support.stand_in_daemon import TrustingLine
 
 ALARM_S = 2.0
 MANUAL = Path(__file__).parents[3] / "docs" / "control.md"
@@ -177,6 +180,42 @@ def test_a_date_of_the_calibration_that_passes_is_told_once_and_opens_the_contac
         said = [entry for entry in read_log(cart.alarms).entries if entry.event in ("calibration date", "wall-clock")]
         assert sorted(entry.event for entry in said) == ["calibration date", "wall-clock"]
         assert next(entry.data["by_s"] for entry in said if entry.event == "wall-clock") == 366 * 86400
+
+
+class _MovedLine(TrustingLine):
+    """Shows everything while the probe moves, and says OK of it from then on, as at rest."""
+
+    moving = True
+    shown_ns: int | None = None
+
+    def __init__(self, *settings: Any) -> None:
+        super().__init__(*settings)
+        self._wanted = lambda: ""
+
+    def step(self, sample: Sample) -> tuple[Verdict, ...]:
+        self.shown_ns = sample.stamp.t_ns if _MovedLine.moving else self.shown_ns
+        kind = VerdictKind.NOT_VERIFIED if self.shown_ns is None else VerdictKind.OK
+        return tuple(replace(one, kind=kind, verified_ns=self.shown_ns) for one in super().step(sample))
+
+
+def test_after_the_computer_slept_only_new_motion_verifies(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No time passes meanwhile by the clock of all ages: the contact closed for minutes on what a night before had
+    shown.
+    """
+    with SimulatedCart(tmp_path, _MovedLine) as cart:
+        cart.monitoring()
+        monkeypatch.setattr(_MovedLine, "moving", False)
+        cart.run(5)
+        assert cart.contact()
+        woke_s, cart.slept_s = cart.now_s(), 8 * 3600.0
+        cart.open_contact(woke_s, 0.1)
+        cart.run(5)
+        assert [closed for _, closed in cart.switched(woke_s)] == [False]
+        assert cart.status()["state"] == "not verified"
+        monkeypatch.setattr(_MovedLine, "moving", True)
+        cart.monitoring()
+        (slept,) = (entry.data for entry in read_log(cart.alarms).entries if entry.event == "slept")
+        assert slept["for_s"] == 8 * 3600
 
 
 @pytest.mark.parametrize(

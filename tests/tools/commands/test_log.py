@@ -84,6 +84,7 @@ DATA: dict[Event, dict[str, Any]] = {
     Event.OVERLOADED: {"dropped": 3},
     Event.OVERLOAD_ENDED: {"dropped": 31, "for_s": 4.5},
     Event.WALL_CLOCK: {"by_s": -3600.0},
+    Event.SLEPT: {"for_s": 28800.0},
 }
 """As the service writes them, of each one: a reference is a number in one and a table in another."""
 
@@ -244,6 +245,7 @@ WRITTEN = {
         "after 7.5 s, 2 losses of devices meanwhile, without an entry each: warning (video-lost) 3 times",
     ),
     Event.WALL_CLOCK: ({"by_s": -3600.0}, "stepped by -3600 s"),
+    Event.SLEPT: ({"for_s": 28800.0}, "slept for 28800"),
     "of another version": ({"cause": {"a": [1, 2]}, "seen": True, "none": None}, "cause (a 1, 2), seen yes"),
 }
 
