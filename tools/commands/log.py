@@ -21,7 +21,7 @@ from tools.shared.alarm_history import settled_log
 from tools.shared.calendar_option import MOMENT
 from tools.shared.named_cart import cart_language, folder_argument
 from tools.shared.profile_text import logged_limits_text
-from tools.shared.spoken import say
+from tools.shared.spoken import say, say_change
 
 _COLOURS = {"warning": "yellow", "halt": "red", "recalibration requested": "red", "device lost": "red"}
 _COLOURS |= {"internal fault": "red", "monitoring": "green", "not verified": "cyan", "recalibrating": "cyan"}
@@ -134,7 +134,9 @@ def _in(language: str, entry: Entry) -> Mapping[str, Any]:
     has the words of a person.
     """
     if entry.event == Event.REQUEST:
-        return {**entry.data, "by": say("by", language)}
+        seen = entry.data.get("acknowledged")
+        said = {"acknowledged": say_change(seen, language)} if isinstance(seen, str) else {}
+        return {**entry.data, **said, "by": say("by", language)}
     said = {name: entry.data[name] for name in _SAID if isinstance(entry.data.get(name), str)}
     return {**entry.data, **{name: translated_text(text, language) for name, text in said.items()}}
 

@@ -4,6 +4,8 @@ from typing import Any
 
 _EXPIRE_S = 60
 """After which a value that was not sent again counts as unknown: four times as long as the publisher repeats it."""
+_LONGEST = 255
+"""Characters of a state in Home Assistant; a longer one, such as of several notices, counts as unknown there."""
 
 _ENTITIES: dict[str, tuple[str, dict[str, Any]]] = {
     "verified": (
@@ -22,7 +24,10 @@ _ENTITIES: dict[str, tuple[str, dict[str, Any]]] = {
         "sensor",
         {"name": "State", "value_template": "{{ value_json.state if value_json.up else 'service silent' }}"},
     ),
-    "text": ("sensor", {"name": "What is wrong", "value_template": "{{ value_json.text | default('') }}"}),
+    "text": (
+        "sensor",
+        {"name": "What is wrong", "value_template": f"{{{{ (value_json.text | default(''))[:{_LONGEST}] }}}}"},
+    ),
     "due": (
         "sensor",
         {

@@ -51,6 +51,8 @@ _MOST_QUEUED = 100
 """Messages for a broker that does not take them: more is memory for what is old already."""
 _IN_THE_CLEAR = ("WRONG_VERSION_NUMBER", "UNEXPECTED_EOF_WHILE_READING")
 """Reasons of OpenSSL where the other side does not speak TLS."""
+_NO_REASON = "Unspecified error"
+"""What the library says where the other side closes, which MQTT 3.1.1 lets it do without a word."""
 _OTHERS = stat.S_IROTH | stat.S_IWOTH
 _LOCAL = ("localhost", "127.0.0.1", "::1")
 
@@ -260,7 +262,7 @@ class Publisher:
         """A port that speaks TLS breaks off before it has accepted anybody in the clear."""
         if self._broker.tls is None and not self._connected.is_set():
             return "it breaks off before it accepts this cart; is it a port for mqtts://?"
-        return f"it has gone ({printable(reason)})"
+        return "it has closed the connection" if reason == _NO_REASON else f"it has gone ({printable(reason)})"
 
     def _publish_until_lost(self, stop: threading.Event) -> None:
         self._say_well()

@@ -7,7 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from appliance.service.control.client import ControlClient
+from appliance.service.control.starting import NoService
 from drivers.errors import ProbewatchError
+from tools.shared.named_cart import start_of
 from tools.shared.threaded import Threaded
 
 _ANSWER_S = 1.0
@@ -40,6 +42,7 @@ class StatusWatch(Threaded):
 
     def __init__(self, path: Path, every_s: float) -> None:
         self._path, self._every_s = path, every_s
+        self._start = start_of(path)  # by the command's cart, which no other thread knows
         self._listened_to = False
         self._ended = threading.Event()
         self._last: Seen | None = None
@@ -70,6 +73,8 @@ class StatusWatch(Threaded):
             try:
                 with ControlClient(self._path, _ANSWER_S) as client:
                     self._listen(client)
+            except NoService as error:
+                self._last, self._why = None, str(NoService(error.what, error.where, self._start))
             except (ProbewatchError, ValueError, KeyError) as error:
                 self._last, self._why = None, str(error)
             self._ended.wait(_AGAIN_S)

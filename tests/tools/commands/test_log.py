@@ -272,6 +272,8 @@ def test_the_log_of_a_german_cart_is_told_in_german(folder: Path) -> None:
     reason = "polarity +1 axes, limit 0.5 axes"
     data = {"state": "halt", "fault": "polarity", "reason": reason}
     AlarmLog(folder).append(NOON, 9, "state", data, Latch("halt", "polarity"))
+    seen = {"do": "acknowledge", "who": "anna", "acknowledged": f"halt: {reason}"}
+    AlarmLog(folder).append(NOON, 9, "request", seen, None)
     cart = folder.parent / "cart.toml"
     cart.write_text('[alarm]\nlanguage = "de"\n')
     result = asked(folder, "--config", str(cart))
@@ -279,8 +281,9 @@ def test_the_log_of_a_german_cart_is_told_in_german(folder: Path) -> None:
     assert told[2].endswith("Zustand: Halt (scale) · as it is [gehalten: Halt]"), told
     assert told[4].endswith("Anfrage: acknowledge durch anna, process 7")
     assert told[5].endswith("Zustand: Halt (polarity) · Spiegelung +1 Achsen, Grenze 0.5 Achsen [gehalten: Halt]")
-    assert result.stderr == "6 Einträge, die Kette ist heil\n"
+    assert told[6].endswith("Anfrage: acknowledge durch anna: Halt: Spiegelung +1 Achsen, Grenze 0.5 Achsen")
+    assert result.stderr == "7 Einträge, die Kette ist heil\n"
     none = asked(folder, "--config", str(cart), "--state", "recalibrating")
-    assert none.stderr.startswith("keiner der 6 Einträge passt\n")
+    assert none.stderr.startswith("keiner der 7 Einträge passt\n")
     chosen = asked(folder, "--config", str(cart), "--state", "halt").stdout
     assert len(chosen.splitlines()) == 2, "options keep the words of the log"

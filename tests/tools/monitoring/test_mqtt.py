@@ -460,3 +460,28 @@ def test_a_port_that_speaks_tls_alone_is_named_as_that(service: Answering, tmp_p
         running.join(20)
         broken.join(20)
     assert "it breaks off before it accepts this cart; is it a port for mqtts://?" in said[0]
+
+
+def test_a_broker_that_closes_is_told_in_words_of_that(service: Answering, tmp_path: Path) -> None:
+    """It was "it has gone (Unspecified error)", which is what the library says of it."""
+    with socket.create_server(("127.0.0.1", 0)) as door:
+        door.settimeout(10)
+
+        def accepts_and_closes() -> None:
+            link, _ = door.accept()
+            link.recv(4096)
+            link.sendall(b"\x20\x02\x00\x00")  # CONNACK: accepted
+            link.recv(4096)
+            link.close()
+
+        closing = threading.Thread(target=accepts_and_closes)
+        closing.start()
+        said, stop = list[str](), threading.Event()
+        publisher = Publisher(Broker("127.0.0.1", door.getsockname()[1]), "c", lambda: None, said.append, "p", "")
+        running = threading.Thread(target=publisher.run, args=(stop,))
+        running.start()
+        until(lambda: len(said) > 1, 20)
+        stop.set()
+        running.join(20)
+        closing.join(20)
+    assert said[1].endswith(": it has closed the connection; trying again")

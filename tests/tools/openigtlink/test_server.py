@@ -8,6 +8,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from threading import Event
 
+import click
 import pytest
 from click.testing import CliRunner
 
@@ -23,6 +24,7 @@ from tests.support.stopwatch import Stopwatch
 from tools.cli import probewatch
 from tools.openigtlink.passage import Passage
 from tools.openigtlink.server import StateServer
+from tools.shared.named_cart import NAMED
 from tools.shared.status_watch import StatusWatch
 
 EVERY_S = 0.05
@@ -254,6 +256,18 @@ def test_a_service_that_never_was_is_named(tmp_path: Path) -> None:
     with StatusWatch(tmp_path / "control", EVERY_S) as watch:
         silence = until(lambda: "no service answers" in (found := watch.seen()).silence and found)
         assert silence.status is None
+
+
+def test_a_service_that_is_silent_is_told_with_the_start_of_its_own_cart(tmp_path: Path) -> None:
+    """Clients read of --config FILE, "with the FILE whose [control] socket this is", where the command had named it."""
+    cart = tmp_path / "cart.toml"
+    cart.write_text('[control]\nsocket = "control"\n')
+    with click.Context(click.Command("x")) as context:
+        context.meta[NAMED] = cart
+        watch = StatusWatch(tmp_path / "control", EVERY_S)
+    with watch:
+        silence = until(lambda: "no service answers" in (found := watch.seen()).silence and found).silence
+    assert silence.endswith(f"Start it: probewatch run --config {cart}")
 
 
 @pytest.mark.parametrize("host", ["a..b", "nobody.invalid"])

@@ -10,7 +10,7 @@ from appliance.core.parameters import MEASURED, QUANTITIES, class_of
 from appliance.core.quality.accumulation import accumulated, pooled
 from appliance.core.quality.trend import Estimate
 from appliance.types import PARAMETERS, VerdictKind
-from tools.development.false_alarms import Quiet, Played
+from tools.development.false_alarms import Played, Quiet
 from tools.study.session import Session
 
 LEFT_OUT = 0.25

@@ -1,0 +1,39 @@
+"""What Home Assistant makes of the messages by its templates, which are Jinja's."""
+
+import pytest
+from jinja2 import Environment
+
+from tests.support.answering import recorded
+from tools.monitoring.home_assistant import discovery
+from tools.monitoring.mqtt import message
+
+LONGEST = 255
+"""Characters of a state there; more counts as unknown."""
+
+
+def shown(status: dict[str, object] | None) -> dict[str, str]:
+    """Name of each entity → its state."""
+    entities = discovery("cart-2", "state", "availability", "homeassistant").values()
+    rendered = Environment(autoescape=False)
+    return {
+        one["name"]: rendered.from_string(one["value_template"]).render(value_json=message(status)) for one in entities
+    }
+
+
+def test_a_text_of_many_notices_is_shown_as_far_as_a_state_goes() -> None:
+    """Its state was unknown, while an alarm was on."""
+    text = " · ".join(["Calibration not verified", *["This computer is overloaded"] * 12])
+    assert shown(recorded(text=text))["What is wrong"] == text[:LONGEST]
+    assert all(len(state) <= LONGEST for state in shown(recorded(text=text)).values())
+
+
+@pytest.mark.parametrize(
+    ("status", "states"),
+    [
+        (None, {"Calibration verified": "OFF", "Alarm": "ON", "State": "service silent", "What is wrong": ""}),
+        (recorded(text="fine", priority="none"), {"Alarm": "OFF", "What is wrong": "fine"}),
+        (recorded(priority="high"), {"Alarm": "ON"}),
+    ],
+)
+def test_what_is_shown_of_a_cart(status: dict[str, object] | None, states: dict[str, str]) -> None:
+    assert shown(status) | states == shown(status)
