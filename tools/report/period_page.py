@@ -217,7 +217,7 @@ def _references(found: Summary, dates: Dates | None) -> str:
     none = "Not known, see the top of this report." if found.store_fault else "None was in force."
     held = table(head, map(_in_force, found.in_force)) if found.in_force else text(none, "bad")
     if not found.references:
-        return held + text("None came in force in this period, by the log.") + due
+        return held + text("By the log, none took the place of another in this period.") + due
     rows = []
     for entry in found.references:
         said = entry.data.get("reference") or {}

@@ -315,6 +315,18 @@ def test_the_limits_that_an_ok_was_held_to_are_told_with_their_time(tmp_path: Pa
     ]
 
 
+def test_a_first_calibration_is_not_said_to_have_come_in_force_never(cart: Path) -> None:
+    """The log has no entry of its own for it: "None came in force" stood below the row that says when it did."""
+    kept = reference(1, "2026-02-03T08:00:00+00:00")
+    write_history(cart.parent / "alarms", History(entries=(kept,)), {kept.sha256: b"1"})
+    made(cart, "--of", "2026-02-15")
+    (page,) = cart.parent.glob("*-2026-02.html")
+    told = page.read_text()
+    assert "<td>1</td><td>2026-02-03 08:00</td>" in told
+    assert "None came in force" not in told
+    assert "none took the place of another" in told
+
+
 @pytest.mark.parametrize("damage", ["history", "content", "missing"])
 def test_a_damaged_store_stands_at_the_top_and_the_report_is_written(cart: Path, damage: str) -> None:
     entries = (reference(1, "2025-12-24T08:00:00+00:00"),)
