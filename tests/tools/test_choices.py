@@ -57,6 +57,13 @@ def test_json_is_one_switch_in_every_command() -> None:
     assert len({told for _, told in found.values()}) == 1, found
 
 
+def test_no_help_shows_format_codes() -> None:
+    """`log --since` and `report --of` showed those of strptime."""
+    told = {" ".join(path): command.get_help(click.Context(command)) for path, command in commands()}
+    assert [path for path, text in told.items() if "%Y" in text] == []
+    assert "--of YYYY-MM-DD" in told["report"]
+
+
 def test_every_command_shows_how_it_is_called() -> None:
     """By its own help, or by that of the group it stands in."""
     helps = {path: f"{command.help} {command.epilog}" for path, command in commands()}

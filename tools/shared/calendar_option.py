@@ -7,11 +7,15 @@ import click
 
 
 class _DateOption(click.DateTime):
-    """A date option whose error messages are in plain words, not in format codes as click's are."""
+    """A date option whose error messages and help are in plain words, not in format codes as click's are."""
 
-    def __init__(self, formats: list[str], what: str) -> None:
+    def __init__(self, formats: list[str], form: str, what: str) -> None:
         super().__init__(formats)
-        self._what = what
+        self._form, self._what = form, what
+
+    def get_metavar(self, param: click.Parameter, ctx: click.Context | None = None) -> str:
+        """Returns how it is written."""
+        return self._form
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> datetime:
         """Raises click.BadParameter."""
@@ -22,8 +26,9 @@ class _DateOption(click.DateTime):
         return moment
 
 
-DAY = _DateOption(["%Y-%m-%d"], "a day of the calendar, written as 2026-01-15")
+DAY = _DateOption(["%Y-%m-%d"], "YYYY-MM-DD", "a day of the calendar, written as 2026-01-15")
 MOMENT = _DateOption(
     ["%Y-%m-%d", "%Y-%m-%dT%H:%M", "%Y-%m-%d %H:%M", "%Y-%m-%dT%H:%M:%S", "%Y-%m-%d %H:%M:%S"],
+    "YYYY-MM-DD[THH:MM]",
     "a day or a time, written as 2026-01-15 or 2026-01-15T07:30",
 )
