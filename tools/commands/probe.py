@@ -34,6 +34,7 @@ _POOR_FIT_MM = 0.5
 _ALIKE = 10
 """Pictures, a third of a second at 30 Hz. Fewer complain of a short look at a digital picture that rests; more let a
 source that gives nothing but its memory pass as good. Not measured."""
+_UNKNOWN = "not to be told"
 _NOTHING = "nothing"
 """Last line of a source that gave nothing to use."""
 
@@ -270,12 +271,15 @@ def findings(measured: Measured) -> list[Row]:
 
 
 def _time_rows(quality: TimeQuality) -> list[Row]:
-    jitter = "not to be told" if math.isnan(quality.jitter_ms) else f"{quality.jitter_ms:.2f} ms"
+    jitter = _UNKNOWN if math.isnan(quality.jitter_ms) else f"{quality.jitter_ms:.2f} ms"
+    bound = f"median ± {quality.bound_ms:.2f} ms, at worst ± {quality.worst_bound_ms:.2f} ms"
+    delay = f"{quality.delay_ms:.1f} ms from measurement to arrival, at worst {quality.worst_delay_ms:.1f} ms"
+    measured = not math.isnan(quality.bound_ms)
     return [
         ("rate", f"{quality.rate_hz:.2f} per second, the device counts {quality.step} for each"),
-        ("timestamp error", f"median ± {quality.bound_ms:.2f} ms, at worst ± {quality.worst_bound_ms:.2f} ms"),
+        ("timestamp error", bound if measured else _UNKNOWN),
         ("timestamp jitter", jitter),
-        ("delay", f"{quality.delay_ms:.1f} ms from measurement to arrival, at worst {quality.worst_delay_ms:.1f} ms"),
+        ("delay", delay if measured else _UNKNOWN),
         ("gaps", f"{quality.gaps}, {quality.lost} samples lost in them; longest step {quality.longest_ms:.0f} ms"),
     ]
 

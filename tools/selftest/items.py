@@ -192,12 +192,15 @@ def _rate(name: str, found: TimeQuality) -> list[Item]:
 
 
 def _time(name: str, found: TimeQuality, silence_ms: float) -> list[Item]:
+    regularity = _regularity(f"{name} regularity", found, silence_ms)
+    if np.isnan(found.bound_ms):
+        return [Item(f"{name} stamps", None, "no pose came", "Bring the probe into view, and repeat"), *regularity]
     bound = found.bound_ms <= _MOST_BOUND_MS
     probe = "" if bound else "probewatch probe URL"
     within = f"± {found.bound_ms:.1f} ms, at most {_MOST_BOUND_MS:g} ms"
     return [
         Item(f"{name} stamps", bound, within, probe, found.bound_ms, "ms"),
-        *_regularity(f"{name} regularity", found, silence_ms),
+        *regularity,
     ]
 
 

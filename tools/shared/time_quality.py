@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drivers.samples import Frame, Pose
+from drivers.samples import Frame, Pose, PoseStatus
 
 LEAST_HZ = {"video": 10.0, "tracker": 15.0}
 """Samples per second: half of the slowest that the line was measured with (docs/study.md). Fewer verify too late."""
@@ -16,7 +16,8 @@ grabbers that work; more hides what spoils the latency."""
 
 @dataclass(frozen=True, slots=True)
 class TimeQuality:
-    """Quality of the times of one stretch of samples; NaN where too few came.
+    """Quality of the times of one stretch of samples; NaN where too few came. Bounds and delays are of what the device
+    measured: where it has sent nothing, a driver stamps the word of that itself, with a bound of 0.
 
     rate_hz: samples per second of their own time. step: counts of the device's counter between two samples, usually.
     bound_ms, worst_bound_ms: median and largest stated error bound. jitter_ms: standard deviation of the stamps about
@@ -44,8 +45,12 @@ def time_quality(samples: Sequence[Frame | Pose], arrivals_ns: Sequence[int]) ->
         return None
     t_ms = np.array([sample.stamp.t_ns - samples[0].stamp.t_ns for sample in samples]) / 1e6
     counts = np.array([sample.sequence for sample in samples], float)
-    bounds_ms = np.array([sample.stamp.err_ns for sample in samples]) / 1e6
-    delays_ms = np.array([a - s.stamp.t_ns for a, s in zip(arrivals_ns, samples, strict=True)]) / 1e6
+    of_device: list[tuple[float, float]] = [
+        (arrival_ns - sample.stamp.t_ns, sample.stamp.err_ns)
+        for arrival_ns, sample in zip(arrivals_ns, samples, strict=True)
+        if isinstance(sample, Frame) or sample.status is not PoseStatus.MISSING or sample.stamp.err_ns > 0
+    ]
+    delays_ms, bounds_ms = np.array(of_device or [(np.nan, np.nan)]).T / 1e6
     steps = np.diff(counts)
     usual = max(1.0, float(np.median(steps)))
     wide = steps > 1.5 * usual

@@ -27,7 +27,8 @@ from tests.support.answers import answered
 from tests.support.boards import running_board
 from tests.support.recordings import SIZE_PX, items
 from tests.support.simulated_optotrak import bench
-from tools.commands.probe import Measured, complaints, findings
+from tools.commands.probe import Measured, _time_rows, complaints, findings
+from tools.selftest.items import timing
 from tools.shared.time_quality import time_quality
 
 PROBEWATCH = Path(sys.executable).parent / "probewatch"
@@ -205,6 +206,22 @@ def test_time_quality_by_hand() -> None:
     assert quality.jitter_ms == pytest.approx(0, abs=1e-3)
     assert (quality.bound_ms, quality.worst_bound_ms) == (0.5, 0.5)
     assert (quality.delay_ms, quality.worst_delay_ms) == pytest.approx((4, 4))
+
+
+def test_what_a_driver_says_where_nothing_came_tells_no_bound_of_the_times() -> None:
+    """OpenIGTLink without the probe's transform: "timestamp error: median ± 0.00 ms", green in a self-test."""
+    said = [replace(pose(n, 50 * n, PoseStatus.MISSING), stamp=Stamp(50 * n * MS, 0)) for n in range(30)]
+    arrivals = [one.stamp.t_ns for one in said]
+    quality = time_quality(said, arrivals)
+    assert quality is not None
+    assert np.isnan([quality.bound_ms, quality.worst_bound_ms, quality.delay_ms, quality.worst_delay_ms]).all()
+    assert dict(_time_rows(quality))["timestamp error"] == dict(_time_rows(quality))["delay"] == "not to be told"
+    stamps = next(item for item in timing("tracker", said, arrivals, 250.0) if item.name == "tracker stamps")
+    assert (stamps.green, stamps.what) == (None, "no pose came")
+    some = [*said, *(pose(number, 50 * number) for number in range(30, 40))]
+    mixed = time_quality(some, [one.stamp.t_ns + 4 * MS for one in some])
+    assert mixed is not None
+    assert (mixed.bound_ms, mixed.delay_ms) == (0.5, 4.0), "the median was 0, as most of them were missing"
 
 
 def test_jitter_is_the_spread_about_the_line() -> None:
