@@ -11,7 +11,7 @@ import click
 from rich.console import Console
 
 from appliance.configuration.config import Config, load_config
-from appliance.core.quality.calibration_difference import Difference, difference
+from appliance.core.quality.calibration_difference import difference
 from appliance.limits import Limits
 from appliance.service.control.client import ControlClient, is_running
 from appliance.service.control.starting import how_to_end
@@ -39,11 +39,18 @@ from tools.shared.interruption import stopped_saying
 from tools.shared.json_report import json_of, json_option
 from tools.shared.named_cart import CONFIG, NAMED, control_option, folder_option, socket_option
 from tools.shared.recovered import recovered
+from tools.shared.reference_text import (
+    ENTRY_HEADINGS,
+    entry_cells,
+    entry_lines,
+    numbers_text,
+    print_difference,
+    utc_text,
+)
 from tools.shared.sign_off import remarks_on
 from tools.shared.tables import FittingTable
 from tools.shared.verification import accepted, ask, await_verification, recalibrating, reporting_change
 
-_HEADINGS = ("no.", "", "since, UTC", "origin", "verified", "file", "SHA-256")
 _YES = click.option("--yes", is_flag=True, help="accept the difference shown without confirmation")
 # Time to take up the probe and sweep; the service itself needs up to 10 s of motion
 # (tests/appliance/core/test_line.py).
@@ -85,8 +92,8 @@ def list_references(folder: Path, as_json: bool) -> None:
         click.echo(json_of(history.model_dump(mode="json")))
         return
     present = history.in_force
-    rows = [(str(entry.number), "▶" if entry is present else "", *_cells(entry)) for entry in history.entries]
-    Console(file=sys.stdout, highlight=False).print(FittingTable(_HEADINGS, rows), crop=False)
+    rows = [(str(entry.number), "▶" if entry is present else "", *entry_cells(entry)) for entry in history.entries]
+    Console(file=sys.stdout, highlight=False).print(FittingTable(ENTRY_HEADINGS, rows), crop=False)
 
 
 @command.command(short_help="show one reference in full")
@@ -102,20 +109,20 @@ def show(number: int | None, folder: Path, content: bool) -> None:
     if content:
         click.echo(content_of(folder, entry), nl=False)
         return
-    for name, text in _told(entry, entry is history.in_force):
+    for name, text in entry_lines(entry, entry is history.in_force):
         click.echo(f"{name:<14}{text}")
     _show_paperwork(folder, entry)
     calibration = candidate_of_entry(folder, entry).calibration
-    click.echo(f"{'scales':<14}{_numbers(calibration.scale_mm_per_px, 5)} mm/px (lateral, axial)")
-    click.echo(f"{'offset':<14}{_numbers(calibration.offset_mm, 2)} mm (lateral, axial, elevational)")
-    click.echo(f"{'polarity':<14}{_numbers(calibration.polarity, 0)} (lateral, axial)")
+    click.echo(f"{'scales':<14}{numbers_text(calibration.scale_mm_per_px, 5)} mm/px (lateral, axial)")
+    click.echo(f"{'offset':<14}{numbers_text(calibration.offset_mm, 2)} mm (lateral, axial, elevational)")
+    click.echo(f"{'polarity':<14}{numbers_text(calibration.polarity, 0)} (lateral, axial)")
 
 
 def _show_paperwork(folder: Path, entry: Entry) -> None:
     content = content_of(folder, entry)
     stated, dates, now = provenance_of(content), dates_of(entry, content, _due_days()), datetime.now(UTC)
     role, at = stated.get("signed_role", ""), stated.get("signed_at", "")
-    signer = ", ".join(part for part in (stated.get("signed_by", ""), role, at and f"{_when(at)} UTC") if part)
+    signer = ", ".join(part for part in (stated.get("signed_by", ""), role, at and f"{utc_text(at)} UTC") if part)
     ends = [(f"{day:%Y-%m-%d %H:%M} UTC" if day else "no date is set") for day in (dates.due, dates.expires)]
     for name, text in (
         ("made by", stated.get("made_by") or "not stated"),
@@ -164,7 +171,7 @@ def diff(before: str, after: str, folder: Path, as_json: bool) -> None:
     if as_json:
         click.echo(json_of({**change.fields(), "beyond_limits": is_beyond, "text": change.text}))
         return
-    _print(change)
+    print_difference(change)
     if is_beyond:
         whose = "that probewatch ships with; --config names a cart's" if cart is None else "of the cart"
         click.echo(f"beyond the limits of the checks {whose}: a person must accept it before a service uses it")
@@ -376,50 +383,3 @@ class _Named:
     def calibration(self, other_px: tuple[int, int] | None) -> Calibration:
         needed_px = self.size_px or (other_px if is_device_set(self._content) else None)
         return candidate_from_content(self._content, self._file, needed_px, self._probe).calibration
-
-
-def _cells(entry: Entry) -> tuple[str, ...]:
-    verified = "no" if entry.verified_utc is None else _when(entry.verified_utc)
-    return _when(entry.utc), _origin(entry), verified, Path(entry.file).name, entry.sha256[:12]
-
-
-def _origin(entry: Entry) -> str:
-    return f"{entry.origin}, SIMULATED" if entry.simulated else entry.origin
-
-
-def _when(utc: str) -> str:
-    return utc.replace("T", " ").removesuffix("+00:00")
-
-
-def _told(entry: Entry, in_force: bool) -> list[tuple[str, str]]:
-    width, height = entry.image_size_px
-    lines = [
-        ("reference", f"{entry.number}{' (in force)' if in_force else ''}"),
-        ("origin", _origin(entry)),
-        ("since", f"{_when(entry.utc)} UTC, software {entry.software}"),
-        ("verified", "not yet" if entry.verified_utc is None else f"{_when(entry.verified_utc)} UTC"),
-        ("file", entry.file),
-        ("SHA-256", entry.sha256),
-        ("pictures", f"{width} x {height} px"),
-    ]
-    lines += [("asked by", entry.who)] if entry.who else []
-    lines += [("difference", f"{entry.difference} (from the one before)")] if entry.difference else []
-    lines += [("must show", ", ".join(entry.to_show))] if entry.to_show and entry.verified_utc is None else []
-    return lines
-
-
-def _numbers(values: Any, digits: int) -> str:
-    return ", ".join(f"{value:.{digits}f}" for value in values)
-
-
-def _print(change: Difference) -> None:
-    lateral, axial, elevational = change.offset_mm
-    rows = [
-        ("rotation", f"{change.rotation_deg:.2f}°"),
-        ("offset", f"{change.distance_mm:.2f} mm (lateral {lateral:+.2f}, axial {axial:+.2f}, ζ {elevational:+.2f})"),
-        ("scales", f"{change.scale_percent[0]:+.2f} % lateral, {change.scale_percent[1]:+.2f} % axial"),
-        ("polarity", "the same" if change.same_polarity else "differs"),
-        ("picture size", "the same" if change.image_size_px is None else "{} and {} px".format(*change.image_size_px)),
-    ]
-    for name, text in rows:
-        click.echo(f"{name:<14}{text}")
