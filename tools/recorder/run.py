@@ -11,6 +11,7 @@ import os
 import queue
 import secrets
 import socket
+import struct
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -24,6 +25,7 @@ import click
 
 from appliance.configuration.config import Config
 from appliance.service.control.client import ControlClient
+from appliance.service.control.rights import Onlookers
 from appliance.service.control.server import ControlRefused
 from appliance.service.feed.message import FeedMessage
 from appliance.service.feed.request import FeedRequest
@@ -60,7 +62,7 @@ class RecorderService:
         if config.feed_socket is None:
             remedy = "Set [feed] offered = true and reload the service"
             raise ConfigurationError("the service offers no feed to record", "[feed]", remedy)
-        self._feed_path = config.feed_socket
+        self._feed_path, self._onlookers = config.feed_socket, Onlookers.of(config).refused
         with _needing("folder", self._settings.folder):
             self._lock = _locked(self._settings.folder)
             self.recorder = _recorder(config, say)
@@ -141,11 +143,11 @@ class RecorderService:
             with suppress(OSError):
                 link, _ = self._listener.accept()
                 with link:
-                    reply = self._reply(_line(link, _ANSWER_S))
+                    reply = self._reply(_line(link, _ANSWER_S), _uid(link))
                     link.settimeout(_ANSWER_S)
                     link.sendall(json.dumps(reply).encode() + b"\n")
 
-    def _reply(self, line: bytes) -> dict[str, Any]:
+    def _reply(self, line: bytes, uid: int) -> dict[str, Any]:
         try:
             asked = json.loads(line)
             do, reason = str(asked["do"]), printable(str(asked.get("reason", "")))
@@ -153,6 +155,8 @@ class RecorderService:
             return {"ok": False, "error": "a request is one line of JSON with do"}
         if do not in ("start", "stop", "status"):
             return {"ok": False, "error": "it knows start, stop, status"}
+        if do != "status" and uid in self._onlookers:
+            return {"ok": False, "error": "your user may look on and request nothing (viewers of [control] and [feed])"}
         done: queue.Queue[str] = queue.Queue()
         self._do(lambda now_ns: done.put(self._marked(do, reason, now_ns)))
         with suppress(queue.Empty):
@@ -189,6 +193,12 @@ def ask(path: Path, do: str, reason: str = "", start: str = "probewatch record")
 
 def _taking(recorder: Recorder, message: FeedMessage) -> _Task:
     return lambda now_ns: recorder.take(message, now_ns)
+
+
+def _uid(link: socket.socket) -> int:
+    """Of the process that asks, as the kernel knows it."""
+    _pid, uid, _gid = struct.unpack("3i", link.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, struct.calcsize("3i")))
+    return int(uid)
 
 
 def _line(link: socket.socket, timeout_s: float) -> bytes:

@@ -1,5 +1,8 @@
 """`probewatch record status`: what a recorder answers, in words."""
 
+import json
+import os
+import pwd
 import re
 import threading
 from pathlib import Path
@@ -9,10 +12,11 @@ import pytest
 from click.testing import CliRunner
 
 from appliance.configuration.config import load_config
+from drivers.errors import DeviceLost
 from tests.appliance.configuration.test_config import GOOD
 from tests.support.answers import answered
 from tools.commands.record import command, told
-from tools.recorder.run import RecorderService
+from tools.recorder.run import RecorderService, ask
 
 ANSWER: dict[str, Any] = {
     "ok": True,
@@ -122,3 +126,27 @@ def test_a_stretch_that_is_started_or_stopped_twice_is_told_in_words_and_no_lost
     assert answers[0].stderr == answers[4].stderr == neither
     already = "probewatch: a stretch is being kept already. End it: probewatch record stop\n"
     assert answers[2].stderr == already
+
+
+@pytest.mark.parametrize("viewer", [True, False])
+def test_who_may_look_on_alone_marks_nothing(tmp_path: Path, viewer: bool) -> None:
+    """Whatever group he is in: a stretch that is marked pushes kept alarms out."""
+    viewers = [pwd.getpwuid(os.getuid()).pw_name] if viewer else []
+    config = tmp_path / "probewatch.toml"
+    recorder = f'[recorder]\nfolder = "{tmp_path / "boxes"}"\nsocket = "{tmp_path / "recorder"}"\n'
+    config.write_text(f"{GOOD}[control]\nviewers = {json.dumps(viewers)}\n{recorder}")
+    ended = threading.Event()
+    with RecorderService(load_config(config), lambda _: None) as service:
+        writing = threading.Thread(target=service.run, args=(ended.is_set,))
+        writing.start()
+        try:
+            assert not ask(tmp_path / "recorder", "status")["marked"]
+            if viewer:
+                with pytest.raises(DeviceLost, match="may look on and request nothing"):
+                    ask(tmp_path / "recorder", "start")
+            else:
+                ask(tmp_path / "recorder", "start")
+            assert ask(tmp_path / "recorder", "status")["marked"] is not viewer
+        finally:
+            ended.set()
+            writing.join()
