@@ -6,6 +6,7 @@ replaced whole, so a power cut leaves the one before or the one after. What does
 is refused by name; nothing else is ever taken in its place.
 """
 
+import errno
 import hashlib
 import json
 from datetime import UTC, datetime
@@ -135,10 +136,13 @@ def content_of(folder: Path, entry: Entry) -> bytes:
 
 def write_history(folder: Path, history: History, contents: dict[str, bytes]) -> None:
     """Write the history; it is on the disk when this returns. contents: by SHA-256, of what the folder may not hold
-    yet. Raises OSError.
+    yet. Raises OSError, also where the history would be larger than it is read: a restart could not go on with it.
 
     An empty history comes first into a new folder: content without a history is damage.
     """
+    text = _text(history)
+    if len(text) > _MAX_HISTORY_BYTES:
+        raise OSError(errno.EFBIG, "the history of references is full; begin another: probewatch calibration reset")
     place = folder / FOLDER
     make_folder(place, 0o750)
     if not (place / HISTORY).exists():
@@ -147,7 +151,7 @@ def write_history(folder: Path, history: History, contents: dict[str, bytes]) ->
         file = _places(folder, sha256)[is_device_set(content)]
         if not (file.exists() and sha256_of(file.read_bytes()) == sha256):
             _write(file, content)
-    _write(place / HISTORY, _text(history))
+    _write(place / HISTORY, text)
 
 
 def set_aside(folder: Path) -> Path | None:

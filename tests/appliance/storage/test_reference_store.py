@@ -265,6 +265,20 @@ def test_a_reference_that_is_not_on_the_disk_is_not_verified(tmp_path, monkeypat
     settled(references)
 
 
+def test_a_history_that_could_not_be_read_again_is_not_written(tmp_path, monkeypatch):
+    """Thousands of references, whose files have long names: the next start was refused."""
+    config = configuration(tmp_path)
+    settled(started(config))
+    monkeypatch.setattr(reference_store, "_MAX_HISTORY_BYTES", (place(config) / HISTORY).stat().st_size + 200)
+    references = started(config)
+    new = written(tmp_path / "new.toml", 0, 0, 1)
+    references.take(references.from_content(new.read_bytes(), str(new)), "recalibration")
+    until(lambda: "is full; begin another" in str(references.waits))
+    assert references.judged(ok())[0].kind is VerdictKind.NOT_VERIFIED
+    references.close()
+    assert settled(started(config)).current.entry.number == 1
+
+
 def test_a_far_reference_must_show_everything_also_after_a_restart(tmp_path):
     config = configuration(tmp_path)
     references = started(config)
