@@ -29,6 +29,8 @@ _COLUMNS = ("number", "utc", "event", "state", "fault", "reason", "do", "who", "
 _FORMULA = ("=", "+", "-", "@")
 _SAID = ("state", "reason", "text")
 """What the service says in an entry, in English."""
+_SAID_IN: Mapping[str, str] = {Event.STATE: "reason", Event.PROPOSAL: "text", Event.UNDECIDED: "text"}
+"""Where it says more than a word, which may have no translation."""
 _STATES = tuple(str(state.value) for state in State)
 
 
@@ -121,18 +123,25 @@ def _named(entry: Entry, state: str | None, fault: str | None, event: str | None
 
 
 def _line(entry: Entry, language: str) -> str:
-    told = _TEXTS.get(entry.event, _all_of_it)(_in(language, entry))
-    text = f"{translated_text(entry.event, language)}: {told}".removesuffix(": ")
+    """Returns the entry in the language where it can be told whole in it, else in English."""
+    spoken = language if _is_whole(entry, language) else "en"
+    told = _TEXTS.get(entry.event, _all_of_it)(_in(spoken, entry))
+    text = f"{translated_text(entry.event, spoken)}: {told}".removesuffix(": ")
     colour = _COLOURS.get(str(entry.data.get("state")))
-    latched = "" if entry.latch is None else translated_text(entry.latch.state, language)
-    latch = f" [{say('latched', language)}: {latched}]" if latched else ""
+    latched = "" if entry.latch is None else translated_text(entry.latch.state, spoken)
+    latch = f" [{say('latched', spoken)}: {latched}]" if latched else ""
     return f"{entry.number:6}  {entry.utc}  {click.style(text, fg=colour)}{latch}"
 
 
+def _is_whole(entry: Entry, language: str) -> bool:
+    if entry.event in (Event.REQUEST, Event.STOPPED):
+        return True
+    said = entry.data.get(_SAID_IN.get(entry.event, ""))
+    return isinstance(said, str) and translated_text(said, language) != said
+
+
 def _in(language: str, entry: Entry) -> Mapping[str, Any]:
-    """Returns what the entry holds with the texts of the service in that language, each whole or as it was; a request
-    has the words of a person.
-    """
+    """Returns what the entry holds with the texts of the service in that language; a request has words of a person."""
     if entry.event == Event.REQUEST:
         seen = entry.data.get("acknowledged")
         said = {"acknowledged": say_change(seen, language)} if isinstance(seen, str) else {}

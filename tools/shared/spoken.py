@@ -39,11 +39,12 @@ def say(name: str, language: str, **fields: object) -> str:
 
 
 def say_change(text: str, language: str) -> str:
-    """Returns a state and its reason, such as "halt: mirrored", in the language; the reason stays English where it
-    cannot be translated whole.
+    """Returns a state and its reason, such as "halt: mirrored", in the language; as it is where the reason cannot be
+    translated whole.
     """
     state, colon, reason = text.partition(": ")
-    return f"{translated_text(state, language)}{colon}{translated_text(reason, language)}"
+    said = translated_text(reason, language)
+    return text if reason and said == reason else f"{translated_text(state, language)}{colon}{said}"
 
 
 def language_of(status: Mapping[str, Any]) -> str:

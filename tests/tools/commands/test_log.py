@@ -278,7 +278,8 @@ def test_the_log_of_a_german_cart_is_told_in_german(folder: Path) -> None:
     cart.write_text('[alarm]\nlanguage = "de"\n')
     result = asked(folder, "--config", str(cart))
     told = result.stdout.splitlines()
-    assert told[2].endswith("Zustand: Halt (scale) · as it is [gehalten: Halt]"), told
+    assert told[2].endswith("state: halt (scale) · as it is [latched: halt]"), "whole in one language"
+    assert told[0].endswith("chain begun: of a new log")
     assert told[4].endswith("Anfrage: acknowledge durch anna, process 7")
     assert told[5].endswith("Zustand: Halt (polarity) · Spiegelung +1 Achsen, Grenze 0.5 Achsen [gehalten: Halt]")
     assert told[6].endswith("Anfrage: acknowledge durch anna: Halt: Spiegelung +1 Achsen, Grenze 0.5 Achsen")
