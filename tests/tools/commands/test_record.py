@@ -12,7 +12,7 @@ import pytest
 from click.testing import CliRunner
 
 from appliance.configuration.config import load_config
-from drivers.errors import DeviceLost
+from appliance.service.control.server import ControlRefused
 from tests.appliance.configuration.test_config import GOOD
 from tests.support.answers import answered
 from tools.commands.record import command, told
@@ -142,7 +142,7 @@ def test_who_may_look_on_alone_marks_nothing(tmp_path: Path, viewer: bool) -> No
         try:
             assert not ask(tmp_path / "recorder", "status")["marked"]
             if viewer:
-                with pytest.raises(DeviceLost, match="may look on and request nothing"):
+                with pytest.raises(ControlRefused, match="may look on and request nothing"):
                     ask(tmp_path / "recorder", "start")
             else:
                 ask(tmp_path / "recorder", "start")
