@@ -167,7 +167,6 @@ GERMAN = {text: german for row in FAULT_ROWS.values() for text, german in row.tr
     "state": "Zustand",
     "request": "Anfrage",
     "proposal": "Vorschlag",
-    "undecided": "unentschieden",
     "deg": "Grad",
     "axes": "Achsen",
     "nothing to compare: {name}": "nichts zu vergleichen: {name}",

@@ -24,7 +24,7 @@ import sbom  # noqa: E402
 from tools.cli import _COMMANDS as COMMANDS  # noqa: E402
 from tools.commands.simulate import _DEVICES  # noqa: E402
 
-_CALIBRATION = ("back", "diff", "export", "import", "list", "recover", "reset", "show", "use")
+_CALIBRATION = ("back", "diff", "export", "import", "list", "measured", "recover", "reset", "show", "use")
 PAGES = documents.man_pages("9.9", "2026-01-02")
 
 

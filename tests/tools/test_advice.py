@@ -12,7 +12,7 @@ from appliance.storage.calibration_file import write_calibration
 from appliance.types import Calibration
 from drivers.clock.host_clock import HostClock
 from drivers.errors import RecordingError
-from drivers.recordings.metaimage import write_metaimage
+from drivers.recordings.metaimage_writing import write_metaimage
 from drivers.recordings.replay import open_tracker
 from tests.drivers.recordings.test_film import film
 from tests.support.answers import answered

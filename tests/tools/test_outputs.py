@@ -16,6 +16,7 @@ from tools.cli import probewatch
 WRITTEN = {
     ("calibration export", "--output"): ["1", "--output", "FILE.xml"],
     ("calibration import", "--output"): ["probe.xml", "--output", "FILE"],
+    ("calibration measured", "--output"): ["--folder", "FOLDER", "--output", "FILE"],
     ("calibration recover", "--output"): ["--output", "FILE"],
     ("export", "--output"): ["FOLDER/box.mcap", "--to", "csv", "--output", "FILE.csv"],
     ("log", "--csv"): ["FOLDER", "--csv", "FILE"],
@@ -109,7 +110,8 @@ OWN = {".html": "--html", ".pdf": "--pdf", ".csv": "--csv"}
 """Ending → the option that writes such a file."""
 NAMED = {**WRITTEN, ("study", "--output"): ["--output", "FILE"], ("configure", "file"): ["FILE", "--yes"]}
 TOML = {
-    *(("calibration import", "--output"), ("calibration recover", "--output"), ("configure", "file")),
+    *(("calibration import", "--output"), ("calibration measured", "--output"), ("calibration recover", "--output")),
+    ("configure", "file"),
     *(("noise", "--output"), ("recalibrate", "--output"), ("replay", "--estimate"), ("simulate cart", "--write")),
 }
 
