@@ -154,6 +154,11 @@ def test_what_has_changed_runs_whichever_third_it_is_in(checkout: Path, monkeypa
     assert "= 20 passed" in run(checkout, "pytest", "-p", "tests.rules.third")[1]
     monkeypatch.setenv(BASE, "HEAD")
     assert " deselected" in run(checkout, "pytest", "-p", "tests.rules.third")[1]
+    (module,) = checkout.glob("test_*.py")
+    module.write_text(f"import json\n{module.read_text()}")
+    assert " deselected" in run(checkout, "pytest", "-p", "tests.rules.third")[1], "a moved name changes no test"
+    module.write_text(module.read_text().replace("pass", "assert n < 20"))
+    assert "= 20 passed" in run(checkout, "pytest", "-p", "tests.rules.third")[1]
     monkeypatch.setenv(BASE, "0123abc")
     code, text = run(checkout, "pytest", "-p", "tests.rules.third")
     assert (code, f"{BASE} is '0123abc', which is no commit" in text) == (4, True), text
