@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from appliance.service.control.server import ControlRefused
 from appliance.storage.black_box import BlackBox
 from appliance.storage.black_box_fields import Gap, Mark, State
 from drivers.errors import DeviceLost, RecordingError
@@ -113,7 +114,7 @@ def test_an_alarm_of_the_cart_is_kept_with_what_was_asked_for(tmp_path: Path) ->
             cart.say("polarity")
             cart.wait_for("halt")
             ask(cart.config.parent / "recorder.socket", "start", "by hand")
-            with pytest.raises(DeviceLost, match="already"):
+            with pytest.raises(ControlRefused, match="already"):
                 ask(cart.config.parent / "recorder.socket", "start")
             ask(cart.config.parent / "recorder.socket", "stop")
             time.sleep(1)
