@@ -48,7 +48,7 @@ class Audio:
 
     def __init__(self) -> None:
         self._paused_until_ns: int | None = None
-        self._paused_since_ns, self._pause_ends_ns = 0, -REMINDER_NS
+        self._paused_since_ns = self._pause_ends_ns = -REMINDER_NS
         self._off_reason = ""
         self._silent_since_ns: int | None = None
 

@@ -189,6 +189,18 @@ def test_pauses_in_a_row_remind_like_a_sound_that_is_off(every_s: int) -> None:
     assert max(others) * step_ns <= REMINDER_NS + BURSTS[10].period_ms * MS_NS, "a pause may begin between two bursts"
 
 
+def test_a_reminder_says_until_when_the_sound_is_paused_and_of_one_that_is_off_why() -> None:
+    audio, halted = Audio(), alarm(State.HALT)
+    for begun_s in (0, 119):
+        audio.pause(begun_s * S_NS, LONGEST_PAUSE_NS)
+        audio.step(begun_s * S_NS, halted)
+    paused = audio.step(120 * S_NS, halted)
+    assert (paused.mode, paused.pulses, paused.until_ns) == (AudioMode.PAUSED, 1, 239 * S_NS)
+    audio.off("the room is cleaned")
+    off = audio.step(121 * S_NS, halted)
+    assert (off.mode, off.until_ns, off.off_reason) == (AudioMode.OFF, None, "the room is cleaned")
+
+
 def test_a_pause_after_a_minute_of_sound_is_silent_again() -> None:
     audio, halted = Audio(), alarm(State.HALT)
     for begun_s in (0, 180):
