@@ -92,7 +92,7 @@ false-alarms: $(VENV)/dev ##+ signs and names in healthy scanning, on paths with
 	exec $(ONE_THREAD) $(BIN)/python -m tools.development.false_alarms $(if $(SEEDS),--seeds $(SEEDS)) $(if $(JOBS),--jobs $(JOBS))
 	$(BIN)/python -m tools.development.manual
 
-coverage-page: $(VENV)/dev ##+ how often healthy scanning is verified: docs/coverage.md (for two idle processors, about fifteen minutes)
+coverage-page: $(VENV)/dev ##+ how often healthy scanning is verified: docs/coverage.md (for two idle processors, about fifteen minutes, and longer for its worlds)
 	$(MEASURED) coverage $(WHERE)
 	$(MEASURED) worlds $(WHERE)
 	$(BIN)/python -m tools.development.manual
