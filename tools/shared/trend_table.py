@@ -1,7 +1,7 @@
 """What the alarm log says of the drift of each parameter, as rows of a table."""
 
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from datetime import datetime
 from math import inf, isfinite
 
@@ -17,24 +17,24 @@ _FAR_DAYS = 3650
 
 def trends(entries: Sequence[Entry], reference: int) -> dict[str, Trend]:
     """Returns the trend of each parameter by name, from the estimates under that reference."""
-    limits = {name: limit for entry in _noted(entries, reference) for name, (_, _, limit) in entry[1].items()}
-    return {name: trend(one, limits[name]) for name, one in estimates_of(entries, reference).items()}
+    noted = _noted(entries, reference)
+    return {name: trend([one for one, _ in rows], rows[-1][1]) for name, rows in noted.items()}
 
 
 def estimates_of(entries: Sequence[Entry], reference: int) -> dict[str, list[Estimate]]:
     """Returns the estimates of each parameter under that reference by name, in the order of the log."""
-    known = defaultdict[str, list[Estimate]](list)
-    for utc_s, checks in _noted(entries, reference):
-        for name, (value, sigma, _) in checks.items():
-            known[name].append(Estimate(utc_s, value, sigma))
-    return known
+    return {name: [one for one, _ in rows] for name, rows in _noted(entries, reference).items()}
 
 
-def _noted(entries: Sequence[Entry], reference: int) -> Iterator[tuple[float, dict[str, list[float]]]]:
-    """(time, figures) of each note under that reference."""
+def _noted(entries: Sequence[Entry], reference: int) -> dict[str, list[tuple[Estimate, float]]]:
+    """Returns the estimates of each parameter by name, each with its limit at that time."""
+    known = defaultdict[str, list[tuple[Estimate, float]]](list)
     for entry in entries:
         if entry.event == Event.ESTIMATE and entry.data.get("reference") == reference:
-            yield datetime.fromisoformat(entry.utc).timestamp(), _figures(entry.data.get("checks"))
+            utc_s = datetime.fromisoformat(entry.utc).timestamp()
+            for name, (value, sigma, limit) in _figures(entry.data.get("checks")).items():
+                known[name].append((Estimate(utc_s, value, sigma), limit))
+    return known
 
 
 def _figures(checks: object) -> dict[str, list[float]]:
