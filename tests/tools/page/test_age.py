@@ -13,11 +13,10 @@ from playwright.sync_api import Browser, Page
 
 from appliance.types import State
 from tests.support.answering import Answering
-from tests.support.browser import CHROMIUM, chromium, english_left, violations
-from tests.support.live_scan import Scan
+from tests.support.browser import CHROMIUM, english_left, violations
 from tests.support.slow_link import SlowLink
 from tests.support.web_page import WebPage
-from tests.tools.page.test_looks import Feed, Room, cart_of, drawn
+from tests.tools.page.test_looks import Room, drawn, served
 
 pytestmark = [
     pytest.mark.thorough,
@@ -60,14 +59,9 @@ class Place:
 
 @pytest.fixture(scope="module")
 def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
-    folder = cart_of(tmp_path_factory.mktemp("cart"))
-    feed = Feed(folder / "feed")
     with (
-        Answering(folder / "control") as service,
-        Scan(feed, feed.samples()),
-        WebPage(folder, service.path) as web,
+        served(tmp_path_factory.mktemp("cart")) as (service, web, browser),
         SlowLink(web.address) as link,
-        chromium() as browser,
     ):
         yield Place(service, web, link, browser)
 

@@ -269,16 +269,22 @@ class Room:
         page.evaluate("Promise.all([...document.images].map(one => one.decode()))")
 
 
-@pytest.fixture(scope="module")
-def looked_at(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Room]:
-    folder = cart_of(tmp_path_factory.mktemp("cart"))
-    feed = Feed(folder / "feed")
+@contextmanager
+def served(folder: Path) -> Iterator[tuple[Answering, WebPage, Browser]]:
+    """Service and page of a cart in that folder, and a browser."""
+    feed = Feed(cart_of(folder) / "feed")
     with (
         Answering(folder / "control") as service,
         Scan(feed, feed.samples()),
         WebPage(folder, service.path) as web,
         chromium() as browser,
     ):
+        yield service, web, browser
+
+
+@pytest.fixture(scope="module")
+def looked_at(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Room]:
+    with served(tmp_path_factory.mktemp("cart")) as (service, web, browser):
         yield Room(service, web.url, browser)
 
 
