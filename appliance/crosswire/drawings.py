@@ -1,4 +1,4 @@
-"""What the scanner draws over its pictures. Pure."""
+"""Finds text and marks that the scanner draws over its pictures. Pure."""
 
 import cv2
 import numpy as np

@@ -1,4 +1,4 @@
-"""What detectors are told of each picture."""
+"""The observation of one picture, as detectors receive it."""
 
 from dataclasses import dataclass
 
@@ -16,7 +16,7 @@ marker; more pauses the search for leaps in quick sweeps. Not measured.
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Observation:
-    """What the line has made of one picture that has the size of the reference's.
+    """The results of registration for one picture, which has the size of the reference's.
 
     image: (h, w) uint8. repeated: the same picture as the one before, which shows nothing new. followed: the Real-time
     Tracker registered it. step_mm: (2,) lateral and axial motion since the picture before; None where it was followed

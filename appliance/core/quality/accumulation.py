@@ -1,5 +1,5 @@
-"""What many windows together show of one parameter: a mean whose sigma falls with all motion, to a floor that their own
-scatter tells. Pure.
+"""Averages the estimates of one parameter over many windows; the sigma of the mean falls with all motion, to a floor
+that the scatter of the estimates gives. Pure.
 
 Windows of one examination share the patient and the place before the tracker, and so most of what the model leaves
 out, f; examinations do not. With x the values, v = σ² − f² and τ²(x, v) the variance by which they scatter beyond v
@@ -30,8 +30,8 @@ stated one for longer: of five examinations that leave out three times as much t
 
 @dataclass(frozen=True, slots=True)
 class Accumulated:
-    """What all motion showed of one parameter, in its unit. between: standard deviation of what each examination leaves
-    out, as learned. estimates, examinations: how many there were.
+    """The average of one parameter over all motion, in its unit. between: standard deviation of what each examination
+    leaves out, as learned. estimates, examinations: how many there were.
     """
 
     value: float

@@ -22,7 +22,7 @@ class WholeSession:
     about_s: float
 
     def finding(self) -> Finding:
-        """What the motion since the last change shows."""
+        """Examines the motion since the last change."""
         return examine(self.window.since(self.valid_ns), self.reference, self.limits, about_s=self.about_s)
 
     def constant_latency(self) -> Check:

@@ -23,7 +23,9 @@ _SAME_CALIBRATION = frozenset({State.MONITORING, State.NOT_VERIFIED})
 
 @dataclass(slots=True)
 class _Windows:
-    """Of one parameter since the last entry. shown_ns: of the last, as in Check; kept from entry to entry."""
+    """The windows of one parameter since the last entry. shown_ns: that of the latest window, as in Check; an entry
+    leaves it as it is.
+    """
 
     values: list[float] = field(default_factory=list)
     sigmas: list[float] = field(default_factory=list)
@@ -31,7 +33,7 @@ class _Windows:
     shown_ns: int | None = None
 
     def take(self, check: Check) -> None:
-        """One that shares motion with the last is left out."""
+        """Adds the window of a check, unless it shares motion with the latest one."""
         value, sigma = number_or_none(check.value), number_or_none(check.sigma)
         if value is None or sigma is None or check.shown_ns is None:
             return
@@ -68,7 +70,7 @@ class EstimateNotes:
             self._note(now_ns, number)
 
     def _note(self, now_ns: int, number: int) -> None:
-        """What motion since the last entry showed; without any the entry waits."""
+        """Writes an entry of the windows since the last one, if there are any."""
         known = {name: one for name, one in self._windows.items() if one.values}
         if not known:
             return

@@ -69,7 +69,7 @@ class LiveConfiguration:
         self._log.info("configuration reloaded", file=str(self.file))
 
     def verify_anew(self) -> None:
-        """What was shown until now counts no more: other limits hold, or nobody knows what happened meanwhile."""
+        """Discards the present verification: the limits have changed, or the computer has slept."""
         self._estimator.set_limits(self.config.limits, self.timeouts.stale_ns)
         self._supervisor.invalidate_verification()
 

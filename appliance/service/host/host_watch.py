@@ -1,6 +1,4 @@
-"""What the tick asks of this computer: is it in time, has it slept, does its wall clock step, does the disk of the log
-answer.
-"""
+"""Watches this computer for the tick: delay, sleep, steps of the wall clock, the disk of the log."""
 
 import time
 from collections.abc import Callable
