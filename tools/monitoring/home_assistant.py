@@ -28,6 +28,20 @@ _ENTITIES: dict[str, tuple[str, dict[str, Any]]] = {
         "sensor",
         {"name": "What is wrong", "value_template": f"{{{{ (value_json.text | default(''))[:{_LONGEST}] }}}}"},
     ),
+    "latched": (
+        "sensor",
+        {
+            "name": "Latched alarm",
+            "value_template": "{{ (value_json.latched or 'none') if value_json.up else 'service silent' }}",
+        },
+    ),
+    "acknowledged": (
+        "binary_sensor",
+        {
+            "name": "Latched alarm acknowledged",
+            "value_template": ("{{ none if not value_json.latched else 'ON' if value_json.acknowledged else 'OFF' }}"),
+        },
+    ),
     "due": (
         "sensor",
         {

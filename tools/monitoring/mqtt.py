@@ -1,15 +1,18 @@
 """The state of a cart on an MQTT broker: retained, with a last will, so that who comes later knows it, and who looks on
 learns that nobody tells it any more.
 
-Nothing is subscribed to, so a broker has nothing to say but short answers; one that says more is left. A broker that
-vanishes is said once and tried again; the service knows nothing of it.
+Nothing is subscribed to, so a broker has nothing to say but short answers; one that says more is left, and so is one
+that acknowledges nothing. A broker that vanishes is said once and tried again; the service knows nothing of it.
 """
 
+import contextlib
 import json
+import socket
 import ssl
 import stat
 import threading
 import time
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -39,6 +42,10 @@ _LOOK_S = 1.0
 """Between two looks at the service. Shorter publishes a change sooner, and takes an answer of the service each time."""
 _REPEAT_S = 15.0
 """After which the state is published again though it is the same, so that who looks on may call a silence one."""
+_ACKNOWLEDGED_S = 10.0
+"""For which a broker may take to acknowledge a message, as long as for a sign of life. One that never does may have
+kept nothing; the library holds 20 of its messages and sends no more. Longer has a slow network succeed, shorter is told
+sooner. Not measured."""
 _GOODBYE_S = 2.0
 """For which the last message may take at the end."""
 _LONGEST_ANSWER = 2
@@ -189,7 +196,10 @@ class Publisher:
         self._why, self._refused = "", False
         self._trouble: str | None = None
         self._said_well = False
-        self._client = self._make_client(f"probewatch-{cart}")
+        self._waiting_s: deque[float] = deque()  # when each message was sent that is not acknowledged yet
+        self._answered = threading.Event()
+        self._name = f"probewatch-{cart}"
+        self._client = self._make_client(self._name)
 
     def run(self, stop: threading.Event) -> None:
         """Publish until stopped; then the cart is published as offline."""
@@ -217,6 +227,7 @@ class Publisher:
         if self._broker.tls is not None:
             client.tls_set_context(self._broker.tls)
         client.on_connect, client.on_disconnect = self._note_connect, self._note_disconnect
+        client.on_publish = self._note_acknowledged
         return client
 
     def _note_connect(self, _client: Client, _data: Any, _flags: Any, reason: Any, _properties: Any) -> None:
@@ -232,11 +243,22 @@ class Publisher:
             self._refused = bool(self._client.trouble)
         self._gone.set()
 
+    def _note_acknowledged(self, _client: Client, _data: Any, _number: Any, _reason: Any, _properties: Any) -> None:
+        """MQTT has a broker acknowledge in the order of the messages."""
+        if self._waiting_s:
+            self._waiting_s.popleft()
+        self._answered.set()
+
     def _connect(self) -> bool:
-        """Whether the broker has accepted this cart."""
+        """Whether the broker has accepted this cart. A client of its own each time: what the last one could not deliver
+        is old.
+        """
+        self._client = self._make_client(self._name)
         self._connected.clear()
         self._gone.clear()
-        self._why, self._refused, self._client.trouble = "it does not answer", False, ""
+        self._answered.clear()
+        self._waiting_s.clear()
+        self._why, self._refused = "it does not answer", False
         try:
             self._client.connect(self._broker.host, self._broker.port, _KEEPALIVE_S)
         except (OSError, ValueError) as error:
@@ -265,7 +287,8 @@ class Publisher:
         return "it has closed the connection" if reason == _NO_REASON else f"it has gone ({printable(reason)})"
 
     def _publish_until_lost(self, stop: threading.Event) -> None:
-        self._say_well()
+        if self._trouble is None:
+            self._say_well()
         self._publish(self._available, "online")
         for topic, config in self._discovery.items():
             self._publish(topic, json.dumps(config))
@@ -276,7 +299,10 @@ class Publisher:
             if now != published or time.monotonic() - published_s >= _REPEAT_S:
                 published, published_s = now, time.monotonic()
                 self._publish_state(now)
+            if self._answered.is_set():
+                self._say_well()
             self._wait(stop)
+            self._leave_who_acknowledges_nothing()
 
     def _publish_state(self, now: dict[str, Any]) -> None:
         utc = datetime.now(UTC).isoformat(timespec="seconds")
@@ -288,7 +314,18 @@ class Publisher:
         while time.monotonic() < end_s and not self._gone.is_set() and not stop.wait(0.05):
             pass
 
+    def _leave_who_acknowledges_nothing(self) -> None:
+        """Break off without a goodbye, so that the broker publishes the last will if it is able to."""
+        waiting_s = next(iter(self._waiting_s), None)
+        line = self._client.socket()
+        if waiting_s is not None and line is not None and time.monotonic() - waiting_s > _ACKNOWLEDGED_S:
+            self._client.trouble = f"it has acknowledged nothing for {_ACKNOWLEDGED_S:g} s"
+            with contextlib.suppress(OSError):
+                line.shutdown(socket.SHUT_RDWR)
+            self._gone.wait(_GOODBYE_S)
+
     def _publish(self, topic: str, payload: str) -> None:
+        self._waiting_s.append(time.monotonic())
         self._client.publish(topic, payload, qos=1, retain=True)
 
     def _leave(self, meant: bool) -> None:

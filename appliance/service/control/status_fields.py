@@ -88,12 +88,14 @@ STATUS = (
         "string or null",
         "state that holds until acknowledged and verified again",
         metric=Metric("latched", Kind.GIVEN, "1: a halt holds until a person has acknowledged it"),
+        mqtt=True,
     ),
     Field(
         "acknowledged",
         "bool",
         "a person has acknowledged it",
         metric=Metric("acknowledged", Kind.TRUE, "1: a person has acknowledged the alarm"),
+        mqtt=True,
     ),
     Field("notices", "strings", "what needs attention but no alarm", mqtt=True),
     Field(

@@ -33,6 +33,13 @@ def test_a_text_of_many_notices_is_shown_as_far_as_a_state_goes() -> None:
         (None, {"Calibration verified": "OFF", "Alarm": "ON", "State": "service silent", "What is wrong": ""}),
         (recorded(text="fine", priority="none"), {"Alarm": "OFF", "What is wrong": "fine"}),
         (recorded(priority="high"), {"Alarm": "ON"}),
+        (None, {"Latched alarm": "service silent", "Latched alarm acknowledged": "None"}),
+        (recorded(latched=None), {"Latched alarm": "none", "Latched alarm acknowledged": "None"}),
+        (recorded(latched="halt"), {"Latched alarm": "halt", "Latched alarm acknowledged": "OFF"}),
+        (
+            recorded(latched="halt", acknowledged=True),
+            {"Latched alarm": "halt", "Latched alarm acknowledged": "ON"},
+        ),
     ],
 )
 def test_what_is_shown_of_a_cart(status: dict[str, object] | None, states: dict[str, str]) -> None:

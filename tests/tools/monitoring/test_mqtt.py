@@ -12,7 +12,7 @@ import time
 from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import pytest
 from paho.mqtt.client import Client, MQTTMessage
@@ -130,6 +130,7 @@ def test_every_name_that_subscribers_rely_on_is_published() -> None:
     """Names are added, never removed: a dashboard of somebody's own reads them."""
     computed = {"up", "verified", "alarm", "lost", "simulated", "reference"}
     as_they_are = {"state", "text", "remedy", "fault", "priority", "notices", "software", "reference_due_utc"}
+    as_they_are |= {"latched", "acknowledged"}
     assert computed | as_they_are <= message(recorded()).keys()
     assert message({name: told for name, told in recorded().items() if name != "text"}) == message(None)
 
@@ -154,11 +155,11 @@ def test_who_comes_later_knows_the_state_and_who_looks_on_learns_of_the_end(serv
             with Reader(broker.port) as later:
                 until(lambda: later.state().get("state") == "halt", 10)
                 assert {STATE, AVAILABLE} <= later.retained
-                until(lambda: len(told_entities(later)) == 5, 10)
+                until(lambda: len(told_entities(later)) == 7, 10)
                 entities = told_entities(later)
                 assert {entity["state_topic"] for entity in entities} == {STATE}
                 assert {entity["availability_topic"] for entity in entities} == {AVAILABLE}
-                assert len({entity["unique_id"] for entity in entities}) == 5
+                assert len({entity["unique_id"] for entity in entities}) == 7
                 service.mute = True
                 until(lambda: later.state().get("up") is False, 20)
                 assert later.state()["verified"] is False, "nothing old is told of a service that is silent"
@@ -334,6 +335,90 @@ def test_a_broker_that_says_more_than_answers_is_left_and_tried_again_ever_later
     assert any(words in line for line in said)
     del publisher, running
     gc.collect()
+
+
+class TakingBroker:
+    """Takes what is published and answers pings; acknowledges only while it is told to. told: what came on each topic;
+    ends: how each connection ended, DISCONNECT or broken off.
+    """
+
+    def __init__(self) -> None:
+        self.acknowledges = False
+        self.told: list[tuple[str, str]] = []
+        self.ends: list[str] = []
+        self._door = socket.create_server(("127.0.0.1", 0))
+        self.port: int = self._door.getsockname()[1]
+        self._thread = threading.Thread(target=self._run)
+        self._thread.start()
+
+    def _run(self) -> None:
+        while True:
+            try:
+                link, _ = self._door.accept()
+            except OSError:
+                return
+            with link, link.makefile("rb") as stream:
+                self.ends.append(self._serve(link, stream))
+
+    def _serve(self, link: socket.socket, stream: BinaryIO) -> str:
+        while head := stream.read(1):
+            length, shift = 0, 0
+            while True:
+                (byte,) = stream.read(1)
+                length |= (byte & 0x7F) << shift
+                shift += 7
+                if byte < 0x80:
+                    break
+            body = stream.read(length)
+            kind = head[0] >> 4
+            if kind == 14:
+                return "DISCONNECT"
+            if kind == 1:
+                link.sendall(CONNACK)
+            elif kind == 12:
+                link.sendall(b"\xd0\x00")
+            elif kind == 3:
+                topic_end = 2 + int.from_bytes(body[:2])
+                self.told.append((body[2:topic_end].decode(), body[topic_end + 2 :].decode()))
+                if self.acknowledges:
+                    link.sendall(b"\x40\x02" + body[topic_end : topic_end + 2])
+        return "broken off"
+
+    def close(self) -> None:
+        self._door.shutdown(socket.SHUT_RDWR)
+        self._door.close()
+        self._thread.join()
+
+
+def test_a_broker_that_acknowledges_nothing_is_said_once_and_tried_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It answered pings, so nothing was said, and after 20 messages the library sent no more."""
+    monkeypatch.setattr("tools.monitoring.mqtt._ACKNOWLEDGED_S", 0.1)
+    monkeypatch.setattr("tools.monitoring.mqtt._FIRST_WAIT_S", 0.02)
+    monkeypatch.setattr("tools.monitoring.mqtt._LOOK_S", 0.05)
+    broker, said, stop = TakingBroker(), list[str](), threading.Event()
+    where = Broker("127.0.0.1", broker.port)
+    publisher = Publisher(where, "cart-2", recorded, said.append, "probewatch", "homeassistant")
+    running = threading.Thread(target=publisher.run, args=(stop,))
+    running.start()
+    try:
+        until(lambda: len(broker.ends) >= 3, 20)
+        assert said == [
+            f"telling {STATE} at 127.0.0.1:{broker.port}",
+            f"no broker at 127.0.0.1:{broker.port}: it has acknowledged nothing for 0.1 s; trying again",
+        ]
+        assert set(broker.ends) == {"broken off"}, "a goodbye would take the last will back"
+        monkeypatch.setattr("tools.monitoring.mqtt._ACKNOWLEDGED_S", 20.0)  # of a busy computer
+        broker.acknowledges = True
+        until(lambda: len(said) > 2, 20)
+        assert said[2:] == [f"telling {STATE} at 127.0.0.1:{broker.port}"]
+        held = len(broker.ends)
+    finally:
+        stop.set()
+        running.join()
+        broker.close()
+    assert broker.ends[held:] == ["DISCONNECT"], "who acknowledges is not left"
+    state = json.loads(next(text for topic, text in broker.told if topic == STATE))
+    assert (state["latched"], state["acknowledged"]) == (recorded()["latched"], recorded()["acknowledged"])
 
 
 def test_a_password_that_is_not_sent_is_refused(tmp_path: Path) -> None:
