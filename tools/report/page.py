@@ -9,6 +9,7 @@ import cv2
 
 from drivers.files.atomic_file import PAGE_BEGINS, PAGE_ENDS, check_kind, check_replaceable, writing
 from drivers.samples import GreyImage
+from tools.shared.tables import figures_in
 
 _ALLOWED = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 """Whatever a file or a device may have put into the text, the page loads and runs nothing."""
@@ -22,8 +23,8 @@ _STYLE = """
 @media print { :root { color-scheme: light; } body { margin: 0; } section { break-inside: avoid; } }
 body { max-width: 62rem; margin: 2rem auto; padding: 0 1rem; color: var(--text); background: var(--ground); }
 table { border-collapse: collapse; margin: 1rem 0; font-variant-numeric: tabular-nums; }
-th, td { padding: .2rem .7rem; border-bottom: 1px solid var(--faint); text-align: right; }
-th:first-child, td:first-child { text-align: left; } td.bad { color: var(--bad); font-weight: 600; }
+th, td { padding: .2rem .7rem; border-bottom: 1px solid var(--faint); text-align: left; }
+th.figure, td.figure { text-align: right; } td.bad { color: var(--bad); font-weight: 600; }
 td.good { color: var(--good); } .note { color: var(--soft); } .verdict { font-size: 1.3rem; font-weight: 600; }
 .good { color: var(--good); } .bad { color: var(--bad); } .wait { color: var(--wait); } .warn { color: var(--warn); }
 svg, img { max-width: 100%; height: auto; } svg text { font-size: 12px; fill: var(--text); }
@@ -67,9 +68,14 @@ def text(words: str, kind: str = "") -> str:
 
 
 def table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Returns a table. A cell that begins with "!" is marked as wrong, one with "+" as right."""
-    head = "".join(f"<th scope=col>{html.escape(one)}</th>" for one in heads)
-    body = "".join("<tr>" + "".join(map(_cell, row)) + "</tr>" for row in rows)
+    """Returns a table, its figures on the right. A cell that begins with "!" is marked as wrong, one with "+" as right,
+    unless that is the sign of a figure.
+    """
+    cells = [tuple(row) for row in rows]
+    figures = figures_in(cells) or (False,) * len(heads)
+    named = zip(heads, figures, strict=True)
+    head = "".join(f"<th scope=col{' class=figure' * figure}>{html.escape(one)}</th>" for one, figure in named)
+    body = "".join("<tr>" + "".join(map(_cell, row, figures)) + "</tr>" for row in cells)
     return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
 
 
@@ -81,6 +87,8 @@ def picture(image: GreyImage, alt: str) -> str:
     return f'<img alt="{html.escape(alt, quote=True)}" src="data:image/png;base64,{data}">'
 
 
-def _cell(said: str) -> str:
-    kind = {"!": " class=bad", "+": " class=good"}.get(said[:1], "")
-    return f"<td{kind}>{html.escape(said[1:] if kind else said)}</td>"
+def _cell(said: str, figure: bool) -> str:
+    mark = {"!": "bad", "+": "" if said[1:2].isdigit() else "good"}.get(said[:1], "")
+    kinds = [kind for kind in ("figure" * figure, mark) if kind]
+    names = f' class="{" ".join(kinds)}"' if kinds else ""
+    return f"<td{names}>{html.escape(said[1:] if mark else said)}</td>"

@@ -1,7 +1,8 @@
 """Tables that fit: into a terminal in columns, closer or with cells of several lines where it is narrow; into a pipe as
-lines with tabs, which cut and grep take apart.
+lines with tabs, which cut and grep take apart. And which columns of any table are figures.
 """
 
+import re
 from collections.abc import Sequence
 
 from rich.box import SIMPLE_HEAD
@@ -20,6 +21,23 @@ _INDENT = 2
 _LEAST_WORDS = 12
 """Columns of a cell with words, below which they are torn apart: then each row is a short list."""
 NOTHING = "–"
+_FIGURE = re.compile(r"[-+−<>±]?\s?\d+(\.\d+)?(e[-+]?\d+)?(?![\w.-])")
+"""What a figure begins with, before its unit: no date, version, SHA-256 or name of a file."""
+_INSTEAD = re.compile(r"[^\W\d]*|–")
+"""What stands where there is no figure: a dash or one word, such as never."""
+
+
+def figures_in(rows: Sequence[Sequence[str]]) -> tuple[bool, ...]:
+    """Returns for each column whether its cells are figures; of no row, nothing. A mark before a cell, ! or +, as
+    pages have it, does not count.
+    """
+    return tuple(map(_are_figures, zip(*rows, strict=True)))
+
+
+def _are_figures(cells: Sequence[str]) -> bool:
+    bare = [cell.lstrip("!").strip() for cell in cells]
+    figures = [_FIGURE.match(cell) is not None for cell in bare]
+    return any(figures) and all(figure or _INSTEAD.fullmatch(cell) for figure, cell in zip(figures, bare, strict=True))
 
 
 class FittingTable:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from appliance.core.parameters import MEASURED
 from drivers.errors import ConfigurationError
 from drivers.files.atomic_file import PAGE_BEGINS, check_replaceable, writing
+from tools.shared.tables import figures_in
 from tools.study.session import FPS
 from tools.study.summary import Coverage, Detection, Row, coverages, detections, false_rate_per_hour, healthy_hours
 from tools.study.table import CODE, INSTALL
@@ -31,8 +32,8 @@ _STYLE = """
 :root { color-scheme: light; font: 15px/1.5 system-ui, sans-serif; }
 body { max-width: 62rem; margin: 2rem auto; padding: 0 1rem; color: #1c1b1f; background: #fff; }
 table { border-collapse: collapse; margin: 1rem 0; font-variant-numeric: tabular-nums; }
-th, td { padding: .2rem .7rem; border-bottom: 1px solid #ddd; text-align: right; }
-th:first-child, td:first-child { text-align: left; } td.bad { color: #b3261e; font-weight: 600; }
+th, td { padding: .2rem .7rem; border-bottom: 1px solid #ddd; text-align: left; }
+th.figure, td.figure { text-align: right; } td.bad { color: #b3261e; font-weight: 600; }
 svg { max-width: 100%; height: auto; } .note { color: #555; }
 """
 
@@ -185,11 +186,16 @@ def _hazard_table(sick: list[Detection]) -> str:
 
 
 def _table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A cell that begins with "!" ought not to be."""
-    head = "".join(f"<th>{html.escape(text)}" for text in heads)
-    body = "".join("<tr>" + "".join(map(_html_cell, row)) for row in rows)
+    """Returns a table, its figures aligned on the right. A cell that begins with "!" ought not to be."""
+    figures = figures_in(rows) or (False,) * len(heads)
+    head = "".join(
+        f"<th{' class=figure' * figure}>{html.escape(text)}" for text, figure in zip(heads, figures, strict=True)
+    )
+    body = "".join("<tr>" + "".join(map(_html_cell, row, figures)) for row in rows)
     return f"<table><tr>{head}{body}</table>"
 
 
-def _html_cell(text: str) -> str:
-    return f"<td class=bad>{html.escape(text[1:])}" if text.startswith("!") else f"<td>{html.escape(text)}"
+def _html_cell(text: str, figure: bool) -> str:
+    kinds = [kind for kind in ("figure" * figure, "bad" * text.startswith("!")) if kind]
+    names = f' class="{" ".join(kinds)}"' if kinds else ""
+    return f"<td{names}>{html.escape(text.removeprefix('!'))}"

@@ -257,7 +257,9 @@ def test_the_calibration_in_force_is_told_though_it_came_in_force_before(cart: P
     for name, told in months:
         made(cart, "--of", f"{name}-15")
         (page,) = cart.parent.glob(f"*-{name}.html")
-        assert [int(number) for number in re.findall(r"<td>(\d+)</td><td>20", page.read_text())] == told
+        assert [
+            int(number) for number in re.findall(r"<td class=\"figure\">(\d+)</td><td>20", page.read_text())
+        ] == told
 
 
 def test_a_store_without_the_reference_that_the_log_names_is_not_none_in_force(cart: Path) -> None:
@@ -322,7 +324,7 @@ def test_a_first_calibration_is_not_said_to_have_come_in_force_never(cart: Path)
     made(cart, "--of", "2026-02-15")
     (page,) = cart.parent.glob("*-2026-02.html")
     told = page.read_text()
-    assert "<td>1</td><td>2026-02-03 08:00</td>" in told
+    assert '<td class="figure">1</td><td>2026-02-03 08:00</td>' in told
     assert "None came in force" not in told
     assert "none took the place of another" in told
 

@@ -5,7 +5,7 @@ import io
 import pytest
 from rich.console import Console
 
-from tools.shared.tables import FittingTable
+from tools.shared.tables import FittingTable, figures_in
 
 HEADINGS = ("device", "what it is", "and what is wrong with it", "value", "limit")
 ROWS = [
@@ -40,3 +40,25 @@ def test_it_stays_a_table_where_that_can_be_read(width: int) -> None:
 @pytest.mark.parametrize("width", [20, 80, 200])
 def test_a_pipe_gets_a_line_for_each_row_with_tabs(width: int) -> None:
     assert written(width, terminal=False) == ["\t".join(HEADINGS), *("\t".join(row) for row in ROWS)]
+
+
+@pytest.mark.parametrize(
+    "cells", [("1.2 s", "never"), ("!3 of 20 (0 to 24 %)", "4"), ("+0.3 ± 0.1 mm", "–"), ("2e-05", "")]
+)
+def test_a_column_of_figures_is_known(cells: tuple[str, ...]) -> None:
+    assert figures_in([("name", cell) for cell in cells]) == (False, True)
+
+
+@pytest.mark.parametrize(
+    "cells",
+    [
+        ("2026-01-02 08:00", "2026-01-03 08:00"),
+        ("0.2.0", "0.3.1"),
+        ("12ab34cd56ef…",),
+        ("20260102.toml",),
+        ("–", "never"),
+        ("3 mm", "slid by 3 mm"),
+    ],
+)
+def test_dates_versions_names_and_sentences_are_words(cells: tuple[str, ...]) -> None:
+    assert figures_in([("name", cell) for cell in cells]) == (False, False)

@@ -101,7 +101,8 @@ def test_the_page_is_whole_and_asks_no_network(tmp_path):
         ElementTree.fromstring(plot)
     assert not re.findall(r"(?:src|href)\s*=\s*[\"']?https?:|@import|url\(http", text)
     assert "fan, breathing, 0.1 mm" in text
-    assert "<td class=bad>1 of 1" in text
+    assert '<td class="figure bad">1 of 1' in text
+    assert "<th>hazard<th class=figure>FAULT" in text
 
 
 def test_a_page_of_nothing_is_a_page(tmp_path):
