@@ -9,7 +9,7 @@ from pathlib import Path
 from drivers.errors import RecordingError
 from drivers.files.regular_file import reading
 
-_HEADERS = (".mha", ".mhd", ".nrrd", ".nhdr")
+HEADERS = (".mha", ".mhd", ".nrrd", ".nhdr")
 """Endings of recordings whose pictures may lie in a file of their own beside them."""
 _NAMES_DATA = (b"ElementDataFile", b"data file", b"datafile")
 _OWN = ("", ".", "..", "LOCAL")
@@ -51,7 +51,7 @@ def files_state(paths: Iterable[Path]) -> str:
 
 def with_pictures(path: Path) -> tuple[Path, ...]:
     """Returns the file, and the file beside it that has its pictures, for a header that names one."""
-    if path.suffix.lower() not in _HEADERS:
+    if path.suffix.lower() not in HEADERS:
         return (path,)
     try:
         with reading(path) as stream:

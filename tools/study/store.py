@@ -2,7 +2,7 @@
 
 import re
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -10,16 +10,17 @@ from urllib.parse import urlsplit
 
 from drivers.errors import ConfigurationError, DeviceLost
 from drivers.printable import printable
-from tools.shared.digest import pictures_named
+from drivers.recordings.metaimage import MAX_HEADER_BYTES
+from tools.shared.digest import HEADERS, pictures_named
 from tools.shared.found_recordings import SUFFIXES
 from tools.study.table import INSTALL
 
 _COPY_BYTES = 1 << 22
 """Taken from the store at once: a request of an object store costs some 50 ms, whatever its size. Not measured."""
 
-_APART = (".mhd", ".nhdr")
-"""Endings of headers whose pictures lie beside them, as a rule. The headers of the others are not read for their state
-alone: that takes as long as a copy."""
+_HEAD_BYTES = 1 << 18
+"""Taken from the store at once of a header, which is read for the state of its recording: a kB, or one a picture. More
+takes pictures with it, less takes more requests. Not measured."""
 _BOX = re.compile(r"-(?P<session>[^-/]+)-(?P<part>\d{5})\.mcap$")
 """How a recorder names the files of one run."""
 
@@ -96,13 +97,25 @@ def _named(header: Path) -> str | None:
 
 
 def _pictures_of(url: str) -> Iterator[str]:
-    """Returns the URL of the file with the pictures, of a header that has none; it is read in the store."""
-    if url.lower().endswith(_APART):
+    """Returns the URL of the file with the pictures, of a header that has none; it is read in the store, as far as it
+    names where they are.
+    """
+    if url.lower().endswith(HEADERS):
         filesystem, path = _opened(url)
-        with filesystem.open(path, "rb") as stream:
-            name = pictures_named(stream)
+        with filesystem.open(path, "rb", block_size=_HEAD_BYTES) as stream:
+            name = pictures_named(_header(stream))
         if name is not None:
             yield _beside(url, name)
+
+
+def _header(stream: Iterable[bytes]) -> Iterator[bytes]:
+    """Returns the lines up to the longest header that is read; what is longer is no recording."""
+    taken = 0
+    for line in stream:
+        taken += len(line)
+        if taken > MAX_HEADER_BYTES:
+            return
+        yield line
 
 
 def _beside(url: str, name: str) -> str:
