@@ -180,7 +180,8 @@ def translated(text: str, language: str) -> str:
     return text if language == "en" else LANGUAGES[language][text]
 
 
-_FIELDS = {"name": ".+?", "names": ".+", "unit": ".*?", "motions": ".+"}
+_FIELDS = {"name": ".+?", "names": ".+", "unit": ".*?", "motions": ".+", "said": ".+?", "text": ".+?"}
+"""What each field of a template may be; all others are figures."""
 _LISTS = {"name": ", ", "names": ", ", "motions": " + "}
 """Fields whose parts are texts of the table, and what stands between them."""
 _NUMBER = r"[-+]?\d\S*"
@@ -200,33 +201,49 @@ def _pattern(template: str) -> re.Pattern[str]:
     return re.compile(re.sub(r"\\{(\w+)\\}", group, re.escape(template)))
 
 
-_PATTERNS = {english: _pattern(english) for english in GERMAN if re.search(r"{\w+}", english)}
+class Texts:
+    """A table of texts of one language, from the English text or its template, with all that it recognises."""
+
+    def __init__(self, table: Mapping[str, str]) -> None:
+        self._table = table
+        self._patterns = {english: _pattern(english) for english in table if re.search(r"{\w+}", english)}
+
+    def translated(self, text: str) -> str:
+        """Returns the text whole in the language, else the English text itself."""
+        table = self._table
+        said = [table[text]] if text in table else [self._clause(clause) for clause in text.split("; ")]
+        return text if None in said else "; ".join(filter(None, said))
+
+    def _clause(self, clause: str) -> str | None:
+        if clause in self._table:
+            return self._table[clause]
+        for english, pattern in self._patterns.items():
+            parts = pattern.fullmatch(clause)
+            if parts is not None and (filled := self._filled(self._table[english], parts.groupdict())) is not None:
+                return filled
+        return None
+
+    def _filled(self, template: str, parts: Mapping[str, str]) -> str | None:
+        """Names of checks and motions, and what is said, must be known; units that are words are translated, symbols
+        and numbers stay.
+        """
+        table = self._table
+        listed = {key: parts[key].split(joint) for key, joint in _LISTS.items() if key in parts}
+        if not all(one in table for each in listed.values() for one in each):
+            return None
+        said = {key: _LISTS[key].join(table[one] for one in each) for key, each in listed.items()}
+        if "said" in parts:
+            inner = self._clause(parts["said"])
+            if inner is None:
+                return None
+            said["said"] = inner
+        unit = parts.get("unit", "")
+        return template.format(**{**parts, **said, "unit": table.get(unit, unit)})
+
+
+_TEXTS = {language: Texts(table) for language, table in LANGUAGES.items()}
 
 
 def translated_text(text: str, language: str) -> str:
     """A text of the running service in one of LANGUAGES; whole in that language, else the English text itself."""
-    if language == "en":
-        return text
-    table = LANGUAGES[language]
-    said = [table[text]] if text in table else [_clause(clause, table) for clause in text.split("; ")]
-    return text if None in said else "; ".join(filter(None, said))
-
-
-def _clause(clause: str, table: Mapping[str, str]) -> str | None:
-    if clause in table:
-        return table[clause]
-    for english, pattern in _PATTERNS.items():
-        parts = pattern.fullmatch(clause)
-        if parts is not None and english in table:
-            return _filled(table[english], parts.groupdict(), table)
-    return None
-
-
-def _filled(template: str, parts: Mapping[str, str], table: Mapping[str, str]) -> str | None:
-    """Names of checks and motions must be known; units that are words are translated, symbols and numbers stay."""
-    listed = {key: parts[key].split(joint) for key, joint in _LISTS.items() if key in parts}
-    if not all(one in table for each in listed.values() for one in each):
-        return None
-    said = {key: _LISTS[key].join(table[one] for one in each) for key, each in listed.items()}
-    unit = parts.get("unit", "")
-    return template.format(**{**parts, **said, "unit": table.get(unit, unit)})
+    return text if language == "en" else _TEXTS[language].translated(text)

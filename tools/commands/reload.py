@@ -5,7 +5,8 @@ from pathlib import Path
 import click
 
 from appliance.service.control.client import ControlClient
-from tools.shared.named_cart import socket_option
+from tools.shared.german import told
+from tools.shared.named_cart import cart_language, socket_option
 
 
 @click.command()
@@ -26,4 +27,4 @@ def command(control_socket: Path) -> None:
     """
     with ControlClient(control_socket) as client:
         client.reload()
-    click.echo("the service has taken its configuration")
+    click.echo(told("the service has taken its configuration", cart_language()))

@@ -23,9 +23,11 @@ from tools.selftest.baseline import KEY, beside, chosen, first_use
 from tools.selftest.items import Item
 from tools.selftest.measured import Measured, measured
 from tools.selftest.records import read_self_tests, sealed
+from tools.shared.german import confirmed, recognised, told
 from tools.shared.interruption import stopped_saying
 from tools.shared.json_report import json_option, text_aside
 from tools.shared.named_cart import LOG, cart_says, socket_option
+from tools.shared.spoken import language_of
 from tools.shared.terminal import progress_bar
 
 _STILL_S, _MOVING_S = 5.0, 12.0
@@ -94,22 +96,22 @@ def command(
             what, "self-test", "Run it at a terminal, or give --yes and --lamps seen, not-seen or skip"
         )
     with ControlClient(control_socket) as client:
-        client.status()
-    with stopped_saying("no result was stored"):
-        found, kept = _tested(control_socket, feed, folder, operator, lamps, yes, baseline)
+        language = language_of(client.status())
+    with stopped_saying(told("no result was stored", language)):
+        found, kept = _tested(control_socket, feed, folder, operator, lamps, yes, baseline, language)
     write([item.fields() for item in found])
     if not as_json:
-        _print(found, kept)
+        _print(found, kept, language)
     sys.exit(0 if all(item.green for item in found) else 1)
 
 
 def _tested(
-    control: Path, feed: Path, folder: Path, operator: str, lamps: str, yes: bool, baseline: bool
+    control: Path, feed: Path, folder: Path, operator: str, lamps: str, yes: bool, baseline: bool, language: str
 ) -> tuple[list[Item], Item]:
     """Runs the test; returns its items, with an item for a result that could not be stored."""
-    still, moving, trouble = _measure(feed, yes)
+    still, moving, trouble = _measure(feed, yes, language)
     with ControlClient(control) as client:
-        seen = _lamps(client, lamps)
+        seen = _lamps(client, lamps, language)
         status = client.status()
     found = _judged(status, still, moving, trouble, seen)
     found = [*found, chosen(found)] if baseline else beside(found, first_use(read_self_tests(folder).kept))
@@ -117,14 +119,14 @@ def _tested(
     return ([*found, kept] if kept.remedy else found), kept
 
 
-def _measure(feed: Path, yes: bool) -> tuple[Measured, Measured, str]:
+def _measure(feed: Path, yes: bool, language: str) -> tuple[Measured, Measured, str]:
     """Measures at rest and in motion; also returns why the feed sent nothing, empty where it did."""
     try:
-        _wait("Lay the probe down in view of the tracker, and leave it", yes)
-        with _progress("at rest") as note:
+        _wait(told("Lay the probe down in view of the tracker, and leave it; then Enter", language), yes)
+        with _progress(told("at rest", language)) as note:
             still = measured(feed, _STILL_S, note)
-        _wait("Now move the probe over tissue or a phantom", yes)
-        with _progress("moving") as note:
+        _wait(told("Now move the probe over tissue or a phantom; then Enter", language), yes)
+        with _progress(told("moving", language)) as note:
             return still, measured(feed, _MOVING_S, note), ""
     except ProbewatchError as error:
         return Measured(), Measured(), str(error)
@@ -132,7 +134,7 @@ def _measure(feed: Path, yes: bool) -> tuple[Measured, Measured, str]:
 
 def _wait(what: str, yes: bool) -> None:
     if not yes:
-        click.prompt(f"{what}; then Enter", default="", show_default=False, prompt_suffix=" ")
+        click.prompt(what, default="", show_default=False, prompt_suffix=" ")
 
 
 @contextmanager
@@ -142,13 +144,14 @@ def _progress(what: str) -> Iterator[Any]:
         yield lambda share: progress.update(task, completed=share)
 
 
-def _lamps(client: ControlClient, how: str) -> bool | None:
+def _lamps(client: ControlClient, how: str, language: str) -> bool | None:
     if how in ("seen", "not-seen"):
         return how == "seen"
     if how == "skip" or not sys.stdin.isatty():
         return None
     client.test_lamps()
-    return click.confirm(f"For {_LAMPS_S:g} s every lamp is lit and the tone sounds. All seen and heard?")
+    question = "For {seconds} s every lamp is lit and the tone sounds. All seen and heard?"
+    return confirmed(told(question, language, seconds=f"{_LAMPS_S:g}"), language)
 
 
 def _judged(status: dict[str, Any], still: Measured, moving: Measured, trouble: str, seen: bool | None) -> list[Item]:
@@ -206,20 +209,22 @@ def _synchronised() -> bool | None:
     return state != _ERROR and not status & _UNSYNCHRONISED
 
 
-def _print(found: list[Item], kept: Item) -> None:
+def _print(found: list[Item], kept: Item, language: str) -> None:
     marks = {True: ("✓", "green"), False: ("✗", "red"), None: ("?", "red")}
     table = Table.grid(padding=(0, 2))
     console = Console(file=sys.stdout, highlight=False)
     for item in found:
         mark, colour = marks[item.green]
-        told = f"{item.what}{'. ' if item.remedy else ''}{item.remedy}"  # with brackets, as [calibration] due_days
+        name, what, remedy = (recognised(text, language) for text in (item.name, item.what, item.remedy))
+        said = f"{what}{'. ' if remedy else ''}{remedy}"  # with brackets, as [calibration] due_days
         if console.is_terminal:
-            table.add_row(Text(f"{mark} {item.name}", style=colour), Text(told, style="" if item.green else colour))
+            table.add_row(Text(f"{mark} {name}", style=colour), Text(said, style="" if item.green else colour))
         else:
-            click.echo(f"{mark}\t{item.name}\t{told}")
+            click.echo(f"{mark}\t{name}\t{said}")
     if console.is_terminal:
         console.print(table)
     bad = sum(not item.green for item in found)
-    console.print("[green]All green.[/]" if not bad else f"[red]{bad} of {len(found)} are not green.[/]")
+    some = told("{bad} of {number} are not green.", language, bad=bad, number=len(found))
+    console.print(Text(some, style="red") if bad else Text(told("All green.", language), style="green"))
     if kept.green:
-        click.echo(f"kept: {kept.what}")
+        click.echo(told("kept: {file}", language, file=kept.what))

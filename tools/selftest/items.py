@@ -100,7 +100,8 @@ def service(status: Status) -> list[Item]:
     bad = state in (State.INTERNAL_FAULT.value, State.DEVICE_LOST.value, State.SELF_TEST.value)
     items = [Item("service", not bad, f"{state}, version {status['software']}", status["remedy"] if bad else "")]
     latched = status["latched"]
-    what = "none" if latched is None else f"{latched}, {'' if status['acknowledged'] else 'not '}acknowledged"
+    known = "acknowledged" if status["acknowledged"] else "not acknowledged"
+    what = "none" if latched is None else f"{latched}, {known}"
     items.append(Item("latched alarm", latched is None, what, "" if latched is None else "Mend the cause; acknowledge"))
     restarts = status["counters"]["estimator_restarts"]
     remedy = "" if restarts == 0 else "probewatch log, journalctl -u probewatch"
