@@ -11,8 +11,6 @@ from typing import Any
 
 import click
 from rich.console import Console
-from rich.table import Table
-from rich.text import Text
 
 from appliance.service.control.client import ControlClient
 from drivers.errors import ConfigurationError, ProbewatchError
@@ -21,9 +19,10 @@ from drivers.printable import printable
 from tools.selftest import items
 from tools.selftest.baseline import KEY, beside, chosen, first_use
 from tools.selftest.items import Item
+from tools.selftest.listed import print_items
 from tools.selftest.measured import Measured, measured
 from tools.selftest.records import read_self_tests, sealed
-from tools.shared.german import confirmed, recognised, told
+from tools.shared.german import confirmed, told
 from tools.shared.interruption import stopped_saying
 from tools.shared.json_report import json_option, text_aside
 from tools.shared.named_cart import LOG, cart_says, socket_option
@@ -101,7 +100,9 @@ def command(
         found, kept = _tested(control_socket, feed, folder, operator, lamps, yes, baseline, language)
     write([item.fields() for item in found])
     if not as_json:
-        _print(found, kept, language)
+        print_items(found, Console(file=sys.stdout, highlight=False), language)
+        if kept.green:
+            click.echo(told("kept: {file}", language, file=kept.what))
     sys.exit(0 if all(item.green for item in found) else 1)
 
 
@@ -207,24 +208,3 @@ def _synchronised() -> bool | None:
         return None
     status = int.from_bytes(timex.raw[_TIMEX_STATUS : _TIMEX_STATUS + 4], sys.byteorder)
     return state != _ERROR and not status & _UNSYNCHRONISED
-
-
-def _print(found: list[Item], kept: Item, language: str) -> None:
-    marks = {True: ("✓", "green"), False: ("✗", "red"), None: ("?", "red")}
-    table = Table.grid(padding=(0, 2))
-    console = Console(file=sys.stdout, highlight=False)
-    for item in found:
-        mark, colour = marks[item.green]
-        name, what, remedy = (recognised(text, language) for text in (item.name, item.what, item.remedy))
-        said = f"{what}{'. ' if remedy else ''}{remedy}"  # with brackets, as [calibration] due_days
-        if console.is_terminal:
-            table.add_row(Text(f"{mark} {name}", style=colour), Text(said, style="" if item.green else colour))
-        else:
-            click.echo(f"{mark}\t{name}\t{said}")
-    if console.is_terminal:
-        console.print(table)
-    bad = sum(not item.green for item in found)
-    some = told("{bad} of {number} are not green.", language, bad=bad, number=len(found))
-    console.print(Text(some, style="red") if bad else Text(told("All green.", language), style="green"))
-    if kept.green:
-        click.echo(told("kept: {file}", language, file=kept.what))
