@@ -180,7 +180,7 @@ def translated(text: str, language: str) -> str:
     return text if language == "en" else LANGUAGES[language][text]
 
 
-_FIELDS = {"name": ".+?", "names": ".+", "unit": ".*?", "motions": ".+", "said": ".+?", "text": ".+?"}
+_FIELDS = {"name": ".+?", "names": ".+", "unit": ".*?", "motions": ".+", "said": ".+?", "text": ".+?", "what": ".+?"}
 """What each field of a template may be; all others are figures."""
 _LISTS = {"name": ", ", "names": ", ", "motions": " + "}
 """Fields whose parts are texts of the table, and what stands between them."""

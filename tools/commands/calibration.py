@@ -3,6 +3,7 @@
 import hashlib
 import os
 import sys
+from collections.abc import Iterator
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -35,19 +36,21 @@ from drivers.errors import ConfigurationError
 from drivers.files.atomic_file import check_new, writing
 from tools.commands.calibration_measured import command as measured
 from tools.shared.alarm_history import references_in
+from tools.shared.german import recognised, told
 from tools.shared.interruption import stopped_saying
 from tools.shared.json_report import json_of, json_option
-from tools.shared.named_cart import CONFIG, NAMED, control_option, folder_option, socket_option
+from tools.shared.named_cart import CONFIG, NAMED, cart_language, control_option, folder_option, socket_option
 from tools.shared.recovered import recovered
 from tools.shared.reference_text import (
-    ENTRY_HEADINGS,
     entry_cells,
+    entry_headings,
     entry_lines,
     numbers_text,
     print_difference,
     utc_text,
 )
 from tools.shared.sign_off import remarks_on
+from tools.shared.spoken import language_of
 from tools.shared.tables import FittingTable
 from tools.shared.verification import accepted, ask, await_verification, recalibrating, reporting_change
 
@@ -92,8 +95,11 @@ def list_references(folder: Path, as_json: bool) -> None:
         click.echo(json_of(history.model_dump(mode="json")))
         return
     present = history.in_force
-    rows = [(str(entry.number), "▶" if entry is present else "", *entry_cells(entry)) for entry in history.entries]
-    Console(file=sys.stdout, highlight=False).print(FittingTable(ENTRY_HEADINGS, rows), crop=False)
+    language = cart_language()
+    rows = [
+        (str(entry.number), "▶" if entry is present else "", *entry_cells(entry, language)) for entry in history.entries
+    ]
+    Console(file=sys.stdout, highlight=False).print(FittingTable(entry_headings(language), rows), crop=False)
 
 
 @command.command(short_help="show one reference in full")
@@ -109,30 +115,32 @@ def show(number: int | None, folder: Path, content: bool) -> None:
     if content:
         click.echo(content_of(folder, entry), nl=False)
         return
-    for name, text in entry_lines(entry, entry is history.in_force):
-        click.echo(f"{name:<14}{text}")
-    _show_paperwork(folder, entry)
+    language = cart_language()
     calibration = candidate_of_entry(folder, entry).calibration
-    click.echo(f"{'scales':<14}{numbers_text(calibration.scale_mm_per_px, 5)} mm/px (lateral, axial)")
-    click.echo(f"{'offset':<14}{numbers_text(calibration.offset_mm, 2)} mm (lateral, axial, elevational)")
-    click.echo(f"{'polarity':<14}{numbers_text(calibration.polarity, 0)} (lateral, axial)")
+    for name, text in (
+        *entry_lines(entry, entry is history.in_force, language),
+        *_paperwork(folder, entry, language),
+        (told("scales", language), f"{numbers_text(calibration.scale_mm_per_px, 5)} mm/px (lateral, axial)"),
+        (told("offset", language), f"{numbers_text(calibration.offset_mm, 2)} mm (lateral, axial, elevational)"),
+        (told("polarity", language), f"{numbers_text(calibration.polarity, 0)} (lateral, axial)"),
+    ):
+        click.secho(f"{name:<14}{text}", fg="yellow" if name == "!" else None)
 
 
-def _show_paperwork(folder: Path, entry: Entry) -> None:
+def _paperwork(folder: Path, entry: Entry, language: str) -> Iterator[tuple[str, str]]:
+    """Yields (name, text) of who made and signed it and how long it is valid; "!" names what must not be relied on."""
     content = content_of(folder, entry)
     stated, dates, now = provenance_of(content), dates_of(entry, content, _due_days()), datetime.now(UTC)
     role, at = stated.get("signed_role", ""), stated.get("signed_at", "")
     signer = ", ".join(part for part in (stated.get("signed_by", ""), role, at and f"{utc_text(at)} UTC") if part)
-    ends = [(f"{day:%Y-%m-%d %H:%M} UTC" if day else "no date is set") for day in (dates.due, dates.expires)]
-    for name, text in (
-        ("made by", stated.get("made_by") or "not stated"),
-        ("signed by", signer or "nobody"),
-        ("next check", ends[0]),
-        ("expires", ends[1]),
-    ):
-        click.echo(f"{name:<14}{text}")
+    none = told("no date is set", language)
+    due, expires = (f"{day:%Y-%m-%d %H:%M} UTC" if day else none for day in (dates.due, dates.expires))
+    yield told("made by", language), stated.get("made_by") or told("not stated", language)
+    yield told("signed by", language), signer or told("nobody", language)
+    yield told("next check", language), due
+    yield told("expires", language), expires
     for remark in (*remarks_on(stated, now), *filter(None, [dates.overdue(now)])):
-        click.secho(f"{'!':<14}{remark}", fg="yellow")
+        yield "!", recognised(remark, language)
 
 
 def _cart() -> Config | None:
@@ -171,10 +179,12 @@ def diff(before: str, after: str, folder: Path, as_json: bool) -> None:
     if as_json:
         click.echo(json_of({**change.fields(), "beyond_limits": is_beyond, "text": change.text}))
         return
-    print_difference(change)
+    language = cart_language()
+    print_difference(change, language)
     if is_beyond:
         whose = "that probewatch ships with; --config names a cart's" if cart is None else "of the cart"
-        click.echo(f"beyond the limits of the checks {whose}: a person must accept it before a service uses it")
+        must = "beyond the limits of the checks {whose}: a person must accept it before a service uses it"
+        click.echo(told(must, language, whose=told(whose, language)))
 
 
 @command.command(short_help="give a file to the service as its reference")
@@ -234,7 +244,7 @@ def export(source: str, output: Path, probe: str, image_size: tuple[int, int] | 
     text = device_set_text(calibration, probe) if output.suffix == ".xml" else itk_text(calibration)
     with writing(output) as stream:
         stream.write(text.encode())
-    click.echo(f"written: {output}")
+    click.echo(told("written: {file}", cart_language(), file=output))
 
 
 @command.command(short_help="write the calibration that motion has measured")
@@ -259,12 +269,14 @@ def recover(output: Path, control_socket: Path) -> None:
     with ControlClient(control_socket) as client:
         status = client.status()
     write_calibration(output, recovered(status), {"made_by": "probewatch calibration recover", "from": _why(status)})
-    click.echo(f"{_why(status)}\nwritten: {output}")
+    language = language_of(status)
+    click.echo(f"{_why(status, language)}\n{told('written: {file}', language, file=output)}")
 
 
-def _why(status: dict[str, Any]) -> str:
+def _why(status: dict[str, Any], language: str = "en") -> str:
     return "; ".join(
-        f"{one['name']} {one['was']:.4g} → {one['now']:.4g} ± {one['sigma']:.2g} {one['unit']}"
+        f"{recognised(one['name'], language)} {one['was']:.4g} → {one['now']:.4g} ± {one['sigma']:.2g} "
+        f"{recognised(one['unit'], language)}"
         for one in status["proposal"]["values"]
     )
 
@@ -301,7 +313,7 @@ def import_file(file: Path, output: Path, image_size: tuple[int, int] | None, pr
         click.secho(remark, err=True, fg="yellow")
     digest = hashlib.sha256(content).hexdigest()
     write_calibration(output, calibration, {"input": str(file.absolute()), "input_sha256": digest})
-    click.echo(f"written: {output}")
+    click.echo(told("written: {file}", cart_language(), file=output))
 
 
 @command.command(short_help="set a damaged history aside and start again")
@@ -314,8 +326,9 @@ def reset(folder: Path, control_socket: Path, yes: bool) -> None:
     For a service that refuses to start because it cannot know its reference. What there was is kept under another name.
     """
     _refuse_running(control_socket)
-    with stopped_saying("nothing was changed"):
-        ask(f"Set the history of the reference in {folder} aside?", yes)
+    language = cart_language()
+    with stopped_saying(told("nothing was changed", language)):
+        ask(told("Set the history of the reference in {folder} aside?", language, folder=folder), yes, language)
     try:
         kept = set_aside(folder)
     except OSError as error:
@@ -323,23 +336,28 @@ def reset(folder: Path, control_socket: Path, yes: bool) -> None:
         raise ConfigurationError(
             what, str(folder / FOLDER), "Run the command as the service's user, or as root"
         ) from None
-    click.echo("the folder holds no history" if kept is None else f"kept as {kept}")
-    click.echo("at its next start the service uses the calibration file of the configuration, not verified")
+    none = told("the folder holds no history", language)
+    click.echo(none if kept is None else told("kept as {folder}", language, folder=kept))
+    click.echo(
+        told("at its next start the service uses the calibration file of the configuration, not verified", language)
+    )
 
 
 def _change(wanted: Path | int, socket: Path, yes: bool, wait_s: float) -> None:
     if isinstance(wanted, Path):
         _refuse_unusable(wanted)
-    with reporting_change(socket):
+    with ControlClient(socket) as client:
+        language = language_of(client.status())
+    with reporting_change(socket, language):
         with ControlClient(socket) as client:
-            confirm = accepted(client.propose_calibration(wanted), yes)
+            confirm = accepted(client.propose_calibration(wanted), yes, language)
         with ControlClient(socket) as client:
-            with recalibrating(client):
+            with recalibrating(client, language):
                 client.end_recalibration(wanted, confirm)
-            await_verification(client, socket, wait_s)
-            click.echo(
-                f"reference {client.status()['reference']['number']} is verified and in force, also after a restart"
-            )
+            await_verification(client, socket, wait_s, language)
+            number = client.status()["reference"]["number"]
+            done = "reference {number} is verified and in force, also after a restart"
+            click.echo(told(done, language, number=number))
 
 
 def _refuse_unusable(file: Path) -> None:

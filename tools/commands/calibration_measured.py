@@ -10,9 +10,10 @@ from appliance.storage.calibration_file import check_own_name, write_calibration
 from appliance.storage.reference import candidate_of_entry
 from drivers.files.atomic_file import check_new
 from tools.shared.alarm_history import references_in, settled_log, tell_damage
+from tools.shared.german import recognised, told
 from tools.shared.json_report import json_of, json_option
 from tools.shared.motion_measured import HEADINGS, fields_of, in_vivo, measured, row_of
-from tools.shared.named_cart import folder_option
+from tools.shared.named_cart import cart_language, folder_option
 from tools.shared.tables import FittingTable
 
 
@@ -43,7 +44,7 @@ def command(number: int | None, folder: Path, output: Path | None, as_json: bool
     if output is not None:
         check_own_name(output)
         check_new(output)
-    reading, history = settled_log(folder), references_in(folder)
+    reading, history, language = settled_log(folder), references_in(folder), cart_language()
     entry = history.entry(len(history.entries) if number is None else number)
     reference, found = candidate_of_entry(folder, entry).calibration, measured(reading.entries, entry.number)
     if as_json:
@@ -51,13 +52,15 @@ def command(number: int | None, folder: Path, output: Path | None, as_json: bool
             json_of({"reference": entry.number, "parameters": [fields_of(*one, reference) for one in found.items()]})
         )
     elif found:
-        rows = [row_of(*one, reference) for one in found.items()]
-        Console(highlight=False).print(FittingTable(HEADINGS, rows, right_from=1), crop=False)
+        rows = [row_of(*one, reference, language) for one in found.items()]
+        headings = [recognised(heading, language) for heading in HEADINGS]
+        Console(highlight=False).print(FittingTable(headings, rows, right_from=1), crop=False)
     else:
-        click.echo(f"no estimate of reference {entry.number} yet: the service notes one in five minutes while verified")
+        none = "no estimate of reference {number} yet: the service notes one in five minutes while verified"
+        click.echo(told(none, language, number=entry.number))
     if output is not None:
         made = {"made_by": "probewatch calibration measured", "from": f"reference {entry.number}, {entry.sha256}"}
         write_calibration(output, in_vivo(found, reference), made)
-        click.echo(f"written: {output}", err=as_json)
+        click.echo(told("written: {file}", language, file=output), err=as_json)
     tell_damage(reading)
     sys.exit(65 if reading.broken else 0 if found else 3)

@@ -41,9 +41,11 @@ from tools.recalibration.terminal import words
 from tools.shared.calendar_option import DAY
 from tools.shared.crosswire_input import recorded, simulated
 from tools.shared.crosswire_whole import WholeOptions, solve_all, sound
+from tools.shared.german import told
 from tools.shared.interruption import stopped_saying
-from tools.shared.named_cart import config_option, saying_how_to_start
+from tools.shared.named_cart import cart_language, config_option, saying_how_to_start
 from tools.shared.sign_off import SignOff, user
+from tools.shared.spoken import language_of
 from tools.shared.verification import accepted, await_verification, recalibrating, refuse_simulated, reporting_change
 from tools.shared.without_effect import refuse_typed
 
@@ -237,7 +239,7 @@ def command(
         signature = Signature(signed_by, role, comment, unchecked=nobody) if signed_by else None
         _refuse_signed(chosen, signature)
         service = live_service(config_file, socket, feed, folder)
-        scan_live(service, chosen if signature else _asked(chosen), signature)
+        scan_live(service, chosen if signature else _asked(chosen, service.language), signature)
         return
     sign_off = SignOff(
         made_by or user(), signed_by, role, comment, reason, probe_serial, preset, _day(due), _day(expires)
@@ -262,8 +264,12 @@ def command(
     if simulate and socket is not None:
         refuse_simulated(socket)
     sound(water_c, scanner_m_s, correct_sound)
-    with reporting_change(socket), contextlib.nullcontext() if socket is None else ControlClient(socket) as client:
-        with recalibrating(client):
+    language = _language(socket)
+    with (
+        reporting_change(socket, language),
+        contextlib.nullcontext() if socket is None else ControlClient(socket) as client,
+    ):
+        with recalibrating(client, language):
             scan = scanned(scan_input, latency_ms or 0.0)
             if solve == "all":
                 reading = partial(recorded, probe=probe, reference=reference, orientation=orientation)
@@ -283,10 +289,10 @@ def command(
                 face_radius_mm=None if before is None else before.calibration.face_radius_mm,
             )
             write_calibration(target, after, {**record, **_previous(before)})
-            click.echo(f"written: {target}")
+            click.echo(told("written: {file}", language, file=target))
             if client is not None:
-                _hand_over(client, target, yes)
-        _conclude(client, socket, target, wait_s)
+                _hand_over(client, target, yes, language)
+        _conclude(client, socket, target, wait_s, language)
 
 
 def _refuse_options(
@@ -318,14 +324,14 @@ def _refuse_signed(chosen: Begin, signature: Signature | None) -> None:
     signed_by_both(chosen, signed(signature)).check()
 
 
-def _asked(chosen: Begin) -> Begin:
+def _asked(chosen: Begin, language: str) -> Begin:
     """Returns the options with the answers of the person at the terminal. Raises click.Abort."""
-    with stopped_saying("nothing was begun" if sys.stdin.isatty() else _NOBODY):
+    with stopped_saying(told("nothing was begun", language) if sys.stdin.isatty() else _NOBODY):
         return replace(
             chosen,
-            probe=chosen.probe or words("probe"),
-            preset=chosen.preset or words("depth or preset of the scanner"),
-            technician=chosen.technician or words("your name"),
+            probe=chosen.probe or words(told("probe", language), language),
+            preset=chosen.preset or words(told("depth or preset of the scanner", language), language),
+            technician=chosen.technician or words(told("your name", language), language),
         )
 
 
@@ -354,18 +360,28 @@ def _previous(before: InForce | None) -> dict[str, str]:
     return {"who": user(), "previous_file": file, "previous_sha256": before.sha256}
 
 
-def _hand_over(client: ControlClient, target: Path, yes: bool) -> None:
+def _language(socket: Path | None) -> str:
+    """Returns the language of the cart. Raises DeviceLost where its service does not answer."""
+    if socket is None:
+        return cart_language()
+    with ControlClient(socket) as client:
+        return language_of(client.status())
+
+
+def _hand_over(client: ControlClient, target: Path, yes: bool, language: str) -> None:
     """Gives the new calibration to the service. Raises ControlRefused, with the command to do so later."""
     try:
-        client.end_recalibration(target, accepted(client.propose_calibration(target), yes))
+        client.end_recalibration(target, accepted(client.propose_calibration(target), yes, language))
     except ControlRefused as error:
         remedy = f"{error.remedy or 'See its status'}; later: probewatch calibration use {target}"
         raise ControlRefused(error.what, error.where, remedy) from None
 
 
-def _conclude(client: ControlClient | None, socket: Path | None, target: Path, wait_s: float) -> None:
+def _conclude(client: ControlClient | None, socket: Path | None, target: Path, wait_s: float, language: str) -> None:
     if client is None or socket is None:
-        click.echo(f"no service was notified; to use the file: probewatch calibration use {target}")
+        later = "no service was notified; to use the file: probewatch calibration use {file}"
+        click.echo(told(later, language, file=target))
         return
-    await_verification(client, socket, wait_s)
-    click.echo("the service has verified the new calibration and monitors again; it is in force, also after a restart")
+    await_verification(client, socket, wait_s, language)
+    done = "the service has verified the new calibration and monitors again; it is in force, also after a restart"
+    click.echo(told(done, language))

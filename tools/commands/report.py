@@ -26,6 +26,7 @@ from tools.report.period_page import write_period_page
 from tools.selftest.records import read_self_tests
 from tools.shared.alarm_history import refuse_unreadable, settled_log
 from tools.shared.calendar_option import DAY
+from tools.shared.german import told
 from tools.shared.named_cart import cart_option
 
 _SELF_TESTS = "self-tests"
@@ -85,18 +86,23 @@ def command(config_file: Path, kind: str, day: datetime | None, folder: Path, as
     history, store_fault = _settled_history(config, reading.entries)
     found = summary(wanted, reading, self_tests.kept, now, () if history is None else history.entries)
     found.store_fault = store_fault
-    chosen = _chosen(wanted, found, day is None)
-    click.echo(chosen)
+    language = config.alarm.language
+    click.echo(_chosen(wanted, found, day is None, language))
+    chosen = _chosen(wanted, found, day is None, "en")
     write_period_page(page, cart, found, _dates(config, history), self_tests.faults, chosen)
     if pdf is not None:
         write_pdf(page, pdf)
     for file in (page, *([] if pdf is None else [pdf])):
-        signed = f", signed {file.name}.sig" if key is not None and _sign(file, key) else ""
-        click.echo(f"written: {file}{signed}")
+        is_signed = key is not None and _sign(file, key)
+        with_signature = "written: {file}, signed {signature}"
+        text = with_signature if is_signed else "written: {file}"
+        click.echo(told(text, language, file=file, signature=f"{file.name}.sig"))
     if reading.broken:
-        click.secho("the alarm log is damaged, as the top of the report says; see: probewatch log --verify", err=True)
+        damaged = "the alarm log is damaged, as the top of the report says; see: probewatch log --verify"
+        click.secho(told(damaged, language), err=True)
     if store_fault:
-        click.secho(f"the store of references is damaged, as the top of the report says: {store_fault}", err=True)
+        damaged = "the store of references is damaged, as the top of the report says: {why}"
+        click.secho(told(damaged, language, why=store_fault), err=True)
     if reading.broken or store_fault:
         sys.exit(65)
 
@@ -107,15 +113,19 @@ def _refuse_future(wanted: Period, now: datetime) -> None:
         raise click.BadParameter(f"{what}. Give a day that has been", param_hint="'--of'")
 
 
-def _chosen(wanted: Period, found: Summary, by_itself: bool) -> str:
+def _chosen(wanted: Period, found: Summary, by_itself: bool, language: str) -> str:
     """Says which period the report covers, and why."""
+    kind = told(wanted.kind, language)
     if not by_itself:
-        over = ", which is not over" if found.so_far else ""
-        return f"Report of the {wanted.kind} {wanted.name}{over}, as asked for with --of"
-    chosen = f"Report of the last {wanted.kind} that is over, {wanted.name}, as no day was named with --of"
+        over = "Report of the {kind} {name}, as asked for with --of"
+        so_far = "Report of the {kind} {name}, which is not over, as asked for with --of"
+        text = so_far if found.so_far else over
+        return told(text, language, kind=kind, name=wanted.name)
+    last = "Report of the last {kind} that is over, {name}, as no day was named with --of"
+    chosen = told(last, language, kind=kind, name=wanted.name)
     if found.begins is not None and found.begins >= wanted.end:
-        since = f"{found.begins:%Y-%m-%d}"
-        return f"{chosen}. The alarm log begins after it, on {since}: --of {since} reports that {wanted.kind}"
+        begins = "The alarm log begins after it, on {since}: --of {since} reports that {kind}"
+        return f"{chosen}. {told(begins, language, since=f'{found.begins:%Y-%m-%d}', kind=kind)}"
     return chosen
 
 

@@ -14,6 +14,7 @@ from tools.recalibration.paperwork import Begin, Signature
 from tools.recalibration.session import ScanSession
 from tools.recalibration.terminal import run
 from tools.shared.named_cart import SOCKET, named_or_own
+from tools.shared.spoken import language_of
 from tools.shared.status_watch import StatusWatch
 from tools.shared.unit_sight import unseen
 from tools.shared.verification import reporting_change
@@ -27,12 +28,13 @@ _FOLDER = "calibrations"
 @dataclass(frozen=True, slots=True)
 class LiveService:
     """The service on which a live scan is made. `control` and `pictures` are its sockets; `place` is the folder of the
-    new file.
+    new file; `language` is that of the cart.
     """
 
     control: Path
     pictures: Path
     place: Path
+    language: str = "en"
 
 
 def live_service(config_file: Path | None, socket: Path | None, feed: Path | None, folder: Path | None) -> LiveService:
@@ -45,23 +47,24 @@ def live_service(config_file: Path | None, socket: Path | None, feed: Path | Non
     if control is None:
         raise click.UsageError("name the service: --config FILE, or --socket")
     pictures = feed or (None if config is None else config.feed_socket) or control.with_name("feed")
-    service = LiveService(control, pictures, _live_folder(folder, config, control))
+    place = _live_folder(folder, config, control)
     with ControlClient(control) as client:
-        begun = client.status().get("recalibration")
+        status = client.status()
+    begun = status.get("recalibration")
     if begun and begun["ended"] is None:
         what = f"{begun['who']} has recalibrated for {begun['since_s']:.0f} s"
         raise ControlRefused(what, str(control), "Wait, or end it there")
-    return service
+    return LiveService(control, pictures, place, language_of(status))
 
 
 def scan_live(service: LiveService, begin: Begin, signature: Signature | None) -> None:
     """Leads a person at the terminal through the scan."""
     with (
-        reporting_change(service.control),
+        reporting_change(service.control, service.language),
         StatusWatch(service.control, _LOOK_S) as watch,
         ScanSession(service.control, service.pictures, service.place, watch) as session,
     ):
-        run(session, begin, signature)
+        run(session, begin, signature, service.language)
 
 
 def _live_folder(folder: Path | None, config: Config | None, control: Path) -> Path:

@@ -3,7 +3,7 @@
 import select
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from math import inf
 from typing import Any
@@ -20,6 +20,7 @@ from tools.recalibration.held_service import Asked
 from tools.recalibration.paperwork import Begin, Signature
 from tools.recalibration.session import Phase, ScanSession
 from tools.shared.crosswire_review import comparison_table
+from tools.shared.german import confirmed, recognised, told
 
 _EVERY_S = 0.25
 """Between two pictures, as of `probewatch status --watch`; how late a line is heard."""
@@ -30,6 +31,8 @@ _LINE_EVERY_S = 10.0
 """Between two lines into a pipe or a file, where nothing is redrawn: seen to go on; more often fills a log."""
 
 _COMPLETE = "The scan is complete: press Enter, or scan on for smaller sigmas."
+_GERMAN_ANSWERS = {"annehmen": "accept", "prüfen": "check", "weiter": "scan on", "ablehnen": "reject"}
+_SKIP = ("skip", "auslassen")
 _BEFORE = (Phase.LATENCY, Phase.SCANNING, Phase.REVIEW, Phase.CHECKING)
 """Phases before something is taken."""
 
@@ -50,16 +53,26 @@ class _Lines:
         click.echo(text)
 
 
-def progress_text(fields: Fields) -> str:
+def progress_text(fields: Fields, language: str = "en") -> str:
     """How far a scan is, in one line."""
     scan = fields["scan"]
     if fields["trouble"] or scan is None:
-        return str(fields["trouble"] or "waiting for the first picture")
-    missing = [f"{one['reason']}: {one['what']}" for one in scan["refusals"][:1]] or ["the scan is complete"]
-    return f"{len(scan['views'])} views in {scan['pictures']} pictures · {missing[0]}"
+        return recognised(str(fields["trouble"] or "waiting for the first picture"), language)
+    first = [f"{one['reason']}: {one['what']}" for one in _said(scan["refusals"][:1], language)]
+    return f"{_counted(scan, language)} · {(first or [told('the scan is complete', language)])[0]}"
 
 
-def run(session: ScanSession, begin: Begin, signature: Signature | None) -> None:
+def _counted(scan: Fields, language: str) -> str:
+    counted = "{views} views in {pictures} pictures"
+    return told(counted, language, views=len(scan["views"]), pictures=scan["pictures"])
+
+
+def _said(refusals: Sequence[Fields], language: str) -> list[Fields]:
+    """Returns what stands against a calibration, in the language."""
+    return [{name: recognised(str(text), language) for name, text in one.items()} for one in refusals]
+
+
+def run(session: ScanSession, begin: Begin, signature: Signature | None, language: str = "en") -> None:
     """The whole procedure. signature: of the second person, where he need not be asked; then nobody is asked anything,
     the scan ends as soon as nothing stands against it, and a difference is not accepted.
 
@@ -68,162 +81,177 @@ def run(session: ScanSession, begin: Begin, signature: Signature | None) -> None
     session.begin(begin)
     try:
         while session.phase in _BEFORE:
-            _latency(session)
-            _scan(session, alone=signature is not None)
-            _check(session)
-            _review(session, signature)
-        _prove(session)
+            _latency(session, language)
+            _scan(session, signature is not None, language)
+            _check(session, language)
+            _review(session, signature, language)
+        _prove(session, language)
     except BaseException:
         if session.phase in (*_BEFORE, Phase.PROVING):
             session.reject("stopped in the terminal")
         raise
 
 
-def words(question: str) -> str:
+def words(question: str, language: str = "en") -> str:
     """What a person types; asked for again where that is nothing but spaces: what is refused later was typed in vain.
 
     Raises click.Abort.
     """
-    return str(click.prompt(question, value_proc=_not_blank))
+    return str(click.prompt(question, value_proc=partial(_not_blank, language)))
 
 
-def _not_blank(text: str) -> str:
+def _not_blank(language: str, text: str) -> str:
     if not text.strip():
-        raise click.UsageError("type something other than spaces")
+        raise click.UsageError(told("type something other than spaces", language))
     return text.strip()
 
 
-def picture(fields: Fields) -> RenderableType:
+def picture(fields: Fields, language: str = "en") -> RenderableType:
     """What the page shows of a scan, in lines."""
     scan = fields["scan"]
     lines: list[RenderableType] = []
     if fields["trouble"]:
-        lines.append(Text(f"! {fields['trouble']}", style="bold red"))
+        lines.append(Text(f"! {recognised(str(fields['trouble']), language)}", style="bold red"))
     if scan is None:
-        return Group(*lines, Text("waiting for the first picture"))
+        return Group(*lines, Text(told("waiting for the first picture", language)))
     look, coverage = scan["look"], scan["coverage"]
-    found = "…" if look is None else _found(look)
-    lines.append(Text(f"{found}   ·   {len(scan['views'])} views in {scan['pictures']} pictures"))
-    lines.append(Text(_zeta(scan["result"]), style="bold"))
+    found = "…" if look is None else _found(look, language)
+    lines.append(Text(f"{found}   ·   {_counted(scan, language)}"))
+    lines.append(Text(_zeta(scan["result"], language), style="bold"))
     if scan["sound"]:
-        lines.append(Text(scan["sound"]))
+        lines.append(Text(recognised(scan["sound"], language)))
     if coverage is not None:
-        lines += [Text(f"next: {coverage['next'] or 'all is covered'}", style="bold cyan"), _bins(coverage)]
+        motion = recognised(coverage["next"] or "all is covered", language)
+        lines += [Text(told("next: {motion}", language, motion=motion), style="bold cyan"), _bins(coverage, language)]
     lines += [
         Text(f"{one['reason']}: {one['what']}. {one['remedy']}", style="yellow")
-        for one in scan["refusals"][:_MOST_REFUSALS]
+        for one in _said(scan["refusals"][:_MOST_REFUSALS], language)
     ]
     return Group(*lines)
 
 
-def _scan(session: ScanSession, alone: bool) -> None:
+def _scan(session: ScanSession, alone: bool, language: str) -> None:
     if session.phase is not Phase.SCANNING:
         return
     console = Console(file=sys.stdout, highlight=False)
     if not alone:
-        console.print("Scan the crossing; Enter when it is complete, Ctrl-C to give up.")
-    lines = _Lines(console)
+        console.print(told("Scan the crossing; Enter when it is complete, Ctrl-C to give up.", language))
+    lines, done = _Lines(console), Text(told(_COMPLETE, language), style="bold green")
     with Live(console=console, refresh_per_second=1 / _EVERY_S, transient=True) as live:
         while session.phase is Phase.SCANNING:
             session.touch()
             fields = session.fields()
             scan = fields["scan"]
             complete = scan is not None and scan["result"] is not None and not scan["refusals"]
-            lines.tell(progress_text(fields))
-            live.update(Group(picture(fields), Text(_COMPLETE, style="bold green")) if complete else picture(fields))
+            lines.tell(progress_text(fields, language))
+            shown = picture(fields, language)
+            live.update(Group(shown, done) if complete else shown)
             if (alone and complete) or (not alone and _line_within(_EVERY_S) is not None):
-                _refused_aloud(live.console, session.finish)
+                _refused_aloud(live.console, session.finish, language)
             elif alone:
                 select.select([], [], [], _EVERY_S)
 
 
-def _latency(session: ScanSession) -> None:
+def _latency(session: ScanSession, language: str) -> None:
     """Over the bottom of the tank, until the person takes what was measured, or leaves it to the scan."""
     if session.phase is not Phase.LATENCY:
         return
     console = Console(file=sys.stdout, highlight=False)
-    console.print(
-        "Point the probe at the tank's bottom; move it straight up and down, 2 s to and fro, turning sharply."
-    )
-    console.print("Enter takes what was measured; 'skip' leaves it to the scan; Ctrl-C gives up.")
+    how = "Point the probe at the tank's bottom; move it straight up and down, 2 s to and fro, turning sharply."
+    console.print(told(how, language))
+    console.print(told("Enter takes what was measured; 'skip' leaves it to the scan; Ctrl-C gives up.", language))
     with Live(console=console, refresh_per_second=1 / _EVERY_S, transient=True) as live:
         while session.phase is Phase.LATENCY:
             session.touch()
             fields = session.fields()
-            live.update(Text(fields["trouble"] or latency_text(fields["latency"])))
+            trouble = recognised(str(fields["trouble"]), language)
+            live.update(Text(trouble or latency_text(fields["latency"], language)))
             said = _line_within(_EVERY_S)
             if said is not None:
-                _refused_aloud(live.console, partial(session.take_latency, said != "skip"))
+                _refused_aloud(live.console, partial(session.take_latency, said not in _SKIP), language)
 
 
-def latency_text(latency: Fields | None) -> str:
+def latency_text(latency: Fields | None, language: str = "en") -> str:
     """How far the measurement of the latency is."""
     if latency is None:
-        return "waiting for the first picture"
-    seen = f"bottom seen in {latency['seen']} of {latency['pictures']} pictures"
+        return told("waiting for the first picture", language)
+    counted = "bottom seen in {seen} of {pictures} pictures"
+    seen = told(counted, language, seen=latency["seen"], pictures=latency["pictures"])
     if latency["latency_ms"] is None:
-        again = " · a minute did not show it, started again" if latency["begun_anew"] else ""
-        return f"{seen} · not known yet{again}"
-    enough = " · enough is collected: take it" if latency["full"] else ""
-    return f"{seen} · tracker late by {latency['latency_ms']:.1f} ± {latency['sigma_ms']:.1f} ms{enough}"
+        again = [recognised("a minute did not show it, started again", language)] if latency["begun_anew"] else []
+        return " · ".join([seen, told("not known yet", language), *again])
+    late, sigma = (f"{latency[name]:.1f}" for name in ("latency_ms", "sigma_ms"))
+    enough = [recognised("enough is collected: take it", language)] if latency["full"] else []
+    return " · ".join([seen, told("tracker late by {late} ± {sigma} ms", language, late=late, sigma=sigma), *enough])
 
 
-def check_text(check: Fields | None) -> str:
+def check_text(check: Fields | None, language: str = "en") -> str:
     """How the other point lies."""
     if check is None:
-        return "no check at another point yet"
+        return told("no check at another point yet", language)
+    why = recognised(str(check["why"]), language)
     if check["error_mm"] is None:
-        return str(check["why"])
-    how = "from where it is" if check["known"] else "about one place"
-    told = f"{check['views']} views put it within {check['error_mm']:.2f} mm RMS {how}"
-    return f"{told} · {check['why'] or 'passed'}"
+        return why
+    known = "{views} views put it within {error} mm RMS from where it is"
+    about = "{views} views put it within {error} mm RMS about one place"
+    how = known if check["known"] else about
+    put = told(how, language, views=check["views"], error=f"{check['error_mm']:.2f}")
+    return f"{put} · {why or told('passed', language)}"
 
 
-def _check(session: ScanSession) -> None:
+def _check(session: ScanSession, language: str) -> None:
     """Check at a crossing elsewhere, until the person ends it."""
     if session.phase is not Phase.CHECKING:
         return
     console = Console(file=sys.stdout, highlight=False)
-    console.print("Move the tank by 2 cm and more; pass through the crossing again, tilted otherwise each time; Enter.")
+    how = "Move the tank by 2 cm and more; pass through the crossing again, tilted otherwise each time; Enter."
+    console.print(told(how, language))
     with Live(console=console, refresh_per_second=1 / _EVERY_S, transient=True) as live:
         while session.phase is Phase.CHECKING:
             session.touch()
             fields = session.fields()
-            live.update(Text(fields["trouble"] or check_text(fields["scan"] and fields["scan"]["check"])))
+            trouble = recognised(str(fields["trouble"]), language)
+            live.update(Text(trouble or check_text(fields["scan"] and fields["scan"]["check"], language)))
             if _line_within(_EVERY_S) is not None:
-                _refused_aloud(live.console, session.end_check)
+                _refused_aloud(live.console, session.end_check, language)
 
 
-def _refused_aloud(console: Console, request: Callable[[], None]) -> None:
+def _refused_aloud(console: Console, request: Callable[[], None], language: str) -> None:
     """What is refused, of whatever kind, costs nobody his scan."""
     try:
         request()
     except ProbewatchError as error:
-        console.print(str(error))
+        console.print(str(_recognised_error(error, language)))
 
 
-def _review(session: ScanSession, signature: Signature | None) -> None:
+def _recognised_error(error: ProbewatchError, language: str) -> ProbewatchError:
+    return ProbewatchError(*(recognised(text, language) for text in (error.what, error.where, error.remedy)))
+
+
+def _review(session: ScanSession, signature: Signature | None, language: str) -> None:
     """Review it until it is accepted, rejected or scanned on."""
     console = Console(file=sys.stdout, highlight=False)
     while session.phase is Phase.REVIEW:
         session.touch()
         fields = session.fields()
-        console.print(picture(fields), _views(fields["scan"]))
+        console.print(picture(fields, language), _views(fields["scan"]))
         if fields["scan"]["compared"]:
-            console.print(comparison_table(fields["scan"]["compared"]), crop=False)
-        console.print(f"check at another point: {check_text(fields['scan']['check'])}")
+            console.print(comparison_table(fields["scan"]["compared"], language), crop=False)
+        console.print(
+            f"{recognised('check at another point', language)}: {check_text(fields['scan']['check'], language)}"
+        )
         if signature is not None:
             session.accept(signature)
             continue
-        said = click.prompt(
-            "accept, check (at another point), scan on, reject, or numbers of views to strike out or take back"
-        ).strip()
-        _refused_aloud(console, partial(_answer, session, said, fields))
+        question = "accept, check (at another point), scan on, reject, or numbers of views to strike out or take back"
+        said = click.prompt(told(question, language)).strip()
+        _refused_aloud(console, partial(_answer, session, said, fields, language), language)
 
 
-def _answer(session: ScanSession, said: str, fields: Fields) -> None:
+def _answer(session: ScanSession, said: str, fields: Fields, language: str = "en") -> None:
+    said = _GERMAN_ANSWERS.get(said, said)
     if said == "accept":
-        _accept(session, fields["scan"]["check"])
+        _accept(session, fields["scan"]["check"], language)
     elif said == "check":
         session.check()
     elif said == "scan on":
@@ -235,59 +263,66 @@ def _answer(session: ScanSession, said: str, fields: Fields) -> None:
         words = said.replace(",", " ").split()
         for word in words:
             if not (word.isdecimal() and 0 < int(word) <= len(views)):
-                raise ControlRefused(f"'{word}' is no answer", "review", _accepted(len(views)))
+                what = told("'{word}' is no answer", language, word=word)
+                raise ControlRefused(what, told("review", language), _accepted(len(views), language))
         for word in dict.fromkeys(words):
             session.strike(int(word) - 1, not views[int(word) - 1]["struck"])
 
 
-def _accepted(views: int) -> str:
+def _accepted(views: int, language: str) -> str:
     """What can be answered in the review."""
-    struck = f", or numbers of views from 1 to {views}, such as '2 5'" if views else ""
-    return f"Type accept, check, scan on or reject{struck}"
+    choices = "Type accept, check, scan on or reject"
+    struck = "Type accept, check, scan on or reject, or numbers of views from 1 to {views}, such as '2 5'"
+    return told(struck, language, views=views) if views else told(choices, language)
 
 
-def _accept(session: ScanSession, check: Fields | None) -> None:
+def _accept(session: ScanSession, check: Fields | None, language: str) -> None:
     session.require_complete()
-    name, role = _second_person(session), words("role")
+    name, role = _second_person(session, language), words(told("role", language), language)
     unchecked = ""
     if check is None or check["why"]:
-        unchecked = words("why is there no check at another point")
-    comment = click.prompt("comment", default="", show_default=False)
+        unchecked = words(told("why is there no check at another point", language), language)
+    comment = click.prompt(told("comment", language), default="", show_default=False)
     try:
         session.accept(Signature(name, role, comment, unchecked=unchecked))
     except Asked as question:
-        click.echo(f"against the calibration in force: {question.text}")
-        if click.confirm("Accept that? Nothing of it is verified then."):
+        text = recognised(question.text, language)
+        click.echo(told("against the calibration in force: {text}", language, text=text))
+        if confirmed(told("Accept that? Nothing of it is verified then.", language), language):
             session.accept(Signature(name, role, comment, question.text, unchecked))
 
 
-def _second_person(session: ScanSession) -> str:
+def _second_person(session: ScanSession, language: str) -> str:
     """Asked for first, and again at once where it is the one who scanned: nothing is typed twice."""
     while True:
-        name = words("name of the second person")
+        name = words(told("name of the second person", language), language)
         try:
             session.require_second(name)
         except ProbewatchError as error:
-            click.echo(error.what)
+            click.echo(recognised(error.what, language))
         else:
             return name
 
 
-def _prove(session: ScanSession) -> None:
+def _prove(session: ScanSession, language: str) -> None:
     console = Console(file=sys.stdout, highlight=False)
     if session.phase is Phase.PROVING:
-        console.print("Now move the probe over tissue, to and fro, tilting and turning it: the service proves it.")
+        move = "Now move the probe over tissue, to and fro, tilting and turning it: the service proves it."
+        console.print(told(move, language))
     lines = _Lines(console)
     with Live(console=console, refresh_per_second=1 / _EVERY_S, transient=True) as live:
         while session.phase is Phase.PROVING:
             fields = session.fields()
-            lines.tell(str(fields["trouble"] or fields["message"]))
-            live.update(Text(fields["trouble"] or fields["message"]))
+            said = recognised(str(fields["trouble"] or fields["message"]), language)
+            lines.tell(said)
+            live.update(Text(said))
             select.select([], [], [], _EVERY_S)
     fields = session.fields()
+    message = recognised(fields["message"], language)
     if session.phase is not Phase.DONE:
-        raise ControlRefused(fields["message"], "recalibration", "The calibration before is in force")
-    click.echo(f"{fields['message']}\nwritten: {fields['file']}")
+        where, remedy = recognised("recalibration", language), told("The calibration before is in force", language)
+        raise ControlRefused(message, where, remedy)
+    click.echo(f"{message}\n{told('written: {file}', language, file=fields['file'])}")
 
 
 def _line_within(seconds: float) -> str | None:
@@ -301,22 +336,23 @@ def _line_within(seconds: float) -> str | None:
     return line.strip()
 
 
-def _found(look: Fields) -> str:
-    return str(look["why"]) if look["centre_px"] is None else f"crossing found, {100 * look['confidence']:.0f} %"
+def _found(look: Fields, language: str) -> str:
+    if look["centre_px"] is None:
+        return recognised(str(look["why"]), language)
+    return told("crossing found, {share} %", language, share=f"{100 * look['confidence']:.0f}")
 
 
-def _zeta(result: Fields | None) -> str:
+def _zeta(result: Fields | None, language: str) -> str:
     if result is None:
         return "ζ …"
-    before = result["zeta_before_mm"]
-    return f"ζ {result['zeta_mm']:.2f} ± {result['zeta_sigma_mm']:.2f} mm" + (
-        "" if before is None else f" (before: {before:.2f})"
-    )
+    now, before = f"ζ {result['zeta_mm']:.2f} ± {result['zeta_sigma_mm']:.2f} mm", result["zeta_before_mm"]
+    return now if before is None else f"{now} ({told('before: {mm}', language, mm=f'{before:.2f}')})"
 
 
-def _bins(coverage: Fields) -> Table:
+def _bins(coverage: Fields, language: str) -> Table:
     table = Table.grid(padding=(0, 1))
-    for name, counts in zip(("lean to and fro", "twist", "lean sideways"), coverage["bins"], strict=True):
+    names = (told("lean to and fro", language), told("twist", language), told("lean sideways", language))
+    for name, counts in zip(names, coverage["bins"], strict=True):
         table.add_row(name, *(Text(f"{count:3}", style="green" if count > 1 else "dim") for count in counts))
     return table
 

@@ -10,6 +10,7 @@ from appliance.crosswire.running import Running
 from appliance.crosswire.whole import WholeSolution
 from appliance.types import PARAMETERS, Calibration, Vector
 from drivers.rigid import vector_from_rotation
+from tools.shared.german import recognised, told
 from tools.shared.tables import FittingTable
 
 _UNITS = ("°",) * 3 + ("%",) * 2 + ("mm",) * 3
@@ -73,7 +74,7 @@ def disagreements(whole: WholeSolution, others: Mapping[str, Calibration]) -> li
     """Returns a sentence for each other calibration that differs by more than the sigmas allow, with the parameters
     that do.
     """
-    told = []
+    found = []
     for name, other in others.items():
         change, sigmas = difference_in_sigmas(whole.calibration, other)
         far = [index for index in range(len(PARAMETERS)) if abs(sigmas[index]) > _AGREES_SIGMAS]
@@ -82,25 +83,28 @@ def disagreements(whole: WholeSolution, others: Mapping[str, Calibration]) -> li
             for index in far
         )
         if far:
-            told.append(
+            found.append(
                 f"this scan and '{name}' disagree: {', '.join(words)}. Which of the two is wrong, or whether the marker"
                 " body has moved, only another scan tells: give it as --check, or solve it and compare"
             )
-    return told
+    return found
 
 
-def comparison_table(lines: Sequence[Mapping[str, Any]]) -> FittingTable:
+def comparison_table(lines: Sequence[Mapping[str, Any]], language: str = "en") -> FittingTable:
     """Returns the result of `compared` as a table."""
     rows = []
     for one in lines:
-        cells = [one["name"], f"{one['value']:.4f}" if one["unit"] == "%" else f"{one['value']:.2f}"]
+        cells = [
+            recognised(one["name"], language),
+            f"{one['value']:.4f}" if one["unit"] == "%" else f"{one['value']:.2f}",
+        ]
         cells.append(f"{one['sigma']:.3f} {one['unit']}")
         for other in one["others"].values():
-            told = "" if other["sigmas"] is None else f" ({other['sigmas']:+.1f}σ)"
-            cells.append("" if other["off"] is None else f"{other['off']:+.2f} {one['unit']}{told}")
+            apart = "" if other["sigmas"] is None else f" ({other['sigmas']:+.1f}σ)"
+            cells.append("" if other["off"] is None else f"{other['off']:+.2f} {one['unit']}{apart}")
         rows.append(tuple(cells))
-    headings = [f"{name} less new" for name in (lines[0]["others"] if lines else ())]
-    return FittingTable(("parameter", "new", "± 1σ", *headings), rows)
+    headings = [recognised(f"{name} less new", language) for name in (lines[0]["others"] if lines else ())]
+    return FittingTable((told("parameter", language), told("new", language), "± 1σ", *headings), rows)
 
 
 def view_table(state: Running, views_px: Vector, all_of_them: bool) -> FittingTable:

@@ -12,6 +12,7 @@ from appliance.core.quality.accumulation import Accumulated, accumulated
 from appliance.storage.alarm_chain import Entry
 from appliance.types import PARAMETERS, Calibration
 from drivers.errors import ConfigurationError
+from tools.shared.german import recognised, told
 from tools.shared.tables import NOTHING
 from tools.shared.trend_table import estimates_of
 
@@ -38,14 +39,14 @@ def apart(one: Accumulated, stated: float | None) -> float:
     return abs(one.value) / hypot(one.sigma, stated or 0.0)
 
 
-def row_of(name: str, one: Accumulated, reference: Calibration) -> tuple[str, ...]:
+def row_of(name: str, one: Accumulated, reference: Calibration, language: str) -> tuple[str, ...]:
     """Returns the cells under HEADINGS."""
-    unit, stated = QUANTITIES[class_of(name)].unit, stated_sigma(name, reference)
+    unit, stated = recognised(QUANTITIES[class_of(name)].unit, language), stated_sigma(name, reference)
     return (
-        name,
+        recognised(name, language),
         f"{one.value:+.2f} ± {one.sigma:.2f} {unit}",
         NOTHING if stated is None else f"± {stated:.2f} {unit}",
-        f"{apart(one, stated):.1f} sigmas",
+        told("{sigmas} sigmas", language, sigmas=f"{apart(one, stated):.1f}"),
         str(one.estimates),
         str(one.examinations),
     )

@@ -14,6 +14,7 @@ from appliance.service.control.server import ControlRefused
 from appliance.supervision.alarms import HAZARDS, SIGNALS
 from appliance.types import Fault, Kind, State
 from drivers.errors import ConfigurationError, DeviceLost, ProbewatchError
+from tools.shared.german import confirmed, recognised, told
 from tools.shared.interruption import stopped_saying
 from tools.shared.terminal import progress_bar
 
@@ -25,23 +26,23 @@ _LOOK_EVERY_S = 0.25
 """Between two looks at the status: a progress bar that seems alive, and five ticks of the service."""
 
 
-def accepted(proposal: dict[str, Any], yes: bool) -> str:
+def accepted(proposal: dict[str, Any], yes: bool, language: str) -> str:
     """Returns the difference as text, which the service requires back, once a person has accepted it where that is
     required. Raises ControlRefused.
     """
     text = str(proposal["text"])
-    click.echo(f"against the reference in force: {text}")
+    click.echo(told("against the reference in force: {text}", language, text=recognised(text, language)))
     if proposal["confirm"]:
-        ask("Accept that? Nothing of it is verified then.", yes)
+        ask(told("Accept that? Nothing of it is verified then.", language), yes, language)
     return text
 
 
-def ask(question: str, yes: bool) -> None:
+def ask(question: str, yes: bool, language: str) -> None:
     """Returns after a person has said yes, now or before. Raises ControlRefused without a terminal."""
     if not yes and not sys.stdin.isatty():
         raise ControlRefused("needs a person to accept it; nothing was changed", question, "Give --yes to accept it")
-    if not yes:
-        click.confirm(question, abort=True)
+    if not yes and not confirmed(question, language):
+        raise click.Abort
 
 
 def refuse_simulated(socket: Path) -> None:
@@ -55,7 +56,7 @@ def refuse_simulated(socket: Path) -> None:
 
 
 @contextlib.contextmanager
-def recalibrating(client: ControlClient | None) -> Iterator[None]:
+def recalibrating(client: ControlClient | None, language: str) -> Iterator[None]:
     """The service, if any, stays in recalibration while the block runs; a block that fails or is interrupted aborts it,
     and so does the service when this process is killed.
     """
@@ -69,28 +70,29 @@ def recalibrating(client: ControlClient | None) -> Iterator[None]:
         with contextlib.suppress(ProbewatchError):
             client.abort_recalibration()
             if isinstance(error, ProbewatchError):  # one that is interrupted is told by reporting_change
-                click.echo(_gone_back(client.status().get("reference")), err=True)
+                click.echo(_gone_back(client.status().get("reference"), language), err=True)
         raise
 
 
-def _gone_back(reference: Mapping[str, Any] | None) -> str:
+def _gone_back(reference: Mapping[str, Any] | None, language: str) -> str:
     """Returns what a scan or a file that was refused leaves behind: a contact that opened when it began."""
     if reference is None:
-        return "there is no calibration, as before"
-    return f"reference {reference['number']} is in force, as before; the contact closes once motion has verified it"
+        return told("there is no calibration, as before", language)
+    back = "reference {number} is in force, as before; the contact closes once motion has verified it"
+    return told(back, language, number=reference["number"])
 
 
 @contextlib.contextmanager
-def reporting_change(socket: Path | None) -> Iterator[None]:
+def reporting_change(socket: Path | None, language: str) -> Iterator[None]:
     """Reports, if the block is interrupted or declined, whether the service has another reference than at the
     beginning. `socket` is that of the service, None without one. Raises ProbewatchError where it does not answer.
     """
     if socket is None:
-        with stopped_saying("no service was notified"):
+        with stopped_saying(told("no service was notified", language)):
             yield
         return
     before = _reference_of(socket)
-    with stopped_saying(lambda: _become(socket, before)):
+    with stopped_saying(lambda: _become(socket, before, language)):
         yield
 
 
@@ -100,23 +102,27 @@ def _reference_of(socket: Path) -> dict[str, Any] | None:
     return None if reference is None else {key: reference[key] for key in ("number", "sha256")}
 
 
-def _become(socket: Path, before: dict[str, Any] | None) -> str:
+def _become(socket: Path, before: dict[str, Any] | None, language: str) -> str:
     """Asks the service for the outcome, after its last request is complete."""
     time.sleep(_LOOK_EVERY_S)
     try:
         now = _reference_of(socket)
     except ProbewatchError as error:
-        return f"whether the reference was changed is not known ({error.what}); see: probewatch calibration list"
+        unknown = "whether the reference was changed is not known ({why}); see: probewatch calibration list"
+        return told(unknown, language, why=error.what)
+    if now is None:
+        return told("nothing was changed, there is no calibration, as before", language)
     if now == before:
-        kept = (
-            "there is no calibration, as before" if now is None else f"reference {now['number']} is in force, as before"
-        )
-        return f"nothing was changed, {kept}"
-    assert now is not None
+        return told("nothing was changed, reference {number} is in force, as before", language, number=now["number"])
     if before is not None and now["sha256"] == before["sha256"]:
-        return f"the calibration before is in force again, as reference {now['number']}; motion has to verify it"
-    back = "" if before is None else f"; back to the one before: probewatch calibration back {before['number']}"
-    return f"reference {now['number']} was taken, and the contact stays open until motion has verified it{back}"
+        again = "the calibration before is in force again, as reference {number}; motion has to verify it"
+        return told(again, language, number=now["number"])
+    taken = "reference {number} was taken, and the contact stays open until motion has verified it"
+    said = told(taken, language, number=now["number"])
+    if before is None:
+        return said
+    back = told("back to the one before: probewatch calibration back {number}", language, number=before["number"])
+    return f"{said}; {back}"
 
 
 def waits_for(status: Mapping[str, Any]) -> str:
@@ -133,29 +139,35 @@ def waits_for(status: Mapping[str, Any]) -> str:
     return unseen or (f"not shown yet: {missing}" if missing else reason)
 
 
-def await_verification(client: ControlClient, socket: Path, wait_s: float) -> None:
+def await_verification(client: ControlClient, socket: Path, wait_s: float, language: str) -> None:
     """Returns once the service monitors. `client` gave the reference; its connection stays open, so that no other
     client changes the reference meanwhile. Raises DeviceLost, ControlRefused.
     """
     end_s = time.monotonic() + wait_s
-    click.echo("now move the probe over tissue, to and fro, tilting and turning it: the service verifies the reference")
+    move = "now move the probe over tissue, to and fro, tilting and turning it: the service verifies the reference"
+    click.echo(told(move, language))
     with progress_bar("{task.fields[state]}: {task.fields[reason]}") as progress:
         task = progress.add_task("wait", total=None, state="", reason="")
         while True:
             status = client.status()
-            reason = waits_for(status)
-            progress.update(task, state=status["state"], reason=reason)
+            state, reason = (recognised(one, language) for one in (str(status["state"]), waits_for(status)))
+            progress.update(task, state=state, reason=reason)
             if status["state"] != State.RECALIBRATING.value:
                 break
             if time.monotonic() > end_s:
-                raise _not_verified(f"not verified within {wait_s:g} s: {reason}")
+                what = told("not verified within {seconds} s: {why}", language, seconds=f"{wait_s:g}", why=reason)
+                raise _not_verified(what, language)
             time.sleep(_LOOK_EVERY_S)
+    why = recognised(str(status["reason"]), language)
     if status["state"] == State.DEVICE_LOST.value:
-        what = f"a device was lost before the new calibration was verified: {status['reason']}"
-        raise DeviceLost(what, str(socket), "The old one is in force again; repair the device and recalibrate again")
+        what = told("a device was lost before the new calibration was verified: {why}", language, why=why)
+        remedy = "The old one is in force again; repair the device and recalibrate again"
+        raise DeviceLost(what, str(socket), told(remedy, language))
     if status["state"] != State.MONITORING.value:
-        raise _not_verified(f"not verified, the service is in state {status['state']}: {status['reason']}")
+        what = told("not verified, the service is in state {state}: {why}", language, state=state, why=why)
+        raise _not_verified(what, language)
 
 
-def _not_verified(what: str) -> ControlRefused:
-    return ControlRefused(what, "new calibration", "The contact stays open; move the probe over tissue, see its status")
+def _not_verified(what: str, language: str) -> ControlRefused:
+    remedy = told("The contact stays open; move the probe over tissue, see its status", language)
+    return ControlRefused(what, recognised("new calibration", language), remedy)

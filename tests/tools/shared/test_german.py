@@ -18,7 +18,7 @@ from tests.tools.selftest.test_items import poses
 from tools.selftest import items
 from tools.selftest.baseline import beside, chosen
 from tools.selftest.items import Item
-from tools.shared.german import GERMAN_OF_TOOLS, confirmed, recognised, told
+from tools.shared.german import GERMAN_OF_TOOLS, _of_page, confirmed, recognised, told
 
 ROOT = Path(__file__).parents[3]
 SPEAKERS = ("tools/commands", "tools/recalibration", "tools/selftest", "tools/shared", "appliance/storage")
@@ -34,17 +34,40 @@ def sources() -> Iterator[str]:
 
 
 def told_texts() -> set[str]:
-    """The first argument of every call of `told`."""
-    calls = [node for source in sources() for node in ast.walk(ast.parse(source)) if isinstance(node, ast.Call)]
-    named = [node for node in calls if getattr(node.func, "id", "") == "told" and node.args]
-    return {node.args[0].value for node in named if isinstance(node.args[0], ast.Constant)}
+    """The first argument of every call of `told`, by itself or by a name that stands for it."""
+    speaking = [source for source in sources() if "from tools.shared.german import" in source]
+    return {text for source in speaking for text in told_in(ast.parse(source))}
+
+
+def told_in(tree: ast.AST) -> Iterator[str]:
+    named: dict[str, set[str]] = {}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Assign):
+            for target in node.targets:
+                named.setdefault(getattr(target, "id", ""), set()).update(constants(node.value))
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Call) and getattr(node.func, "id", "") in ("told", "tell") and node.args:
+            given = node.args[0]
+            yield from named.get(given.id, ()) if isinstance(given, ast.Name) else constants(given)
+
+
+def constants(node: ast.expr) -> set[str]:
+    """A text, or both of a choice."""
+    if isinstance(node, ast.IfExp):
+        return constants(node.body) | constants(node.orelse)
+    return {node.value} if isinstance(node, ast.Constant) and isinstance(node.value, str) else set()
 
 
 def test_every_text_that_is_told_has_its_german_with_the_same_fields() -> None:
-    assert told_texts() - set(GERMAN_OF_TOOLS) == set()
+    assert told_texts() - set(GERMAN_OF_TOOLS) - set(GERMAN) == set()
     for english, german in GERMAN_OF_TOOLS.items():
         assert sorted(re.findall(r"{[^}]*}", english)) == sorted(re.findall(r"{[^}]*}", german)), english
     assert set(GERMAN) & set(GERMAN_OF_TOOLS) == set(), "one translation each"
+
+
+def test_the_page_has_the_same_german_for_the_same_text() -> None:
+    ours = {text: german for text, german in GERMAN_OF_TOOLS.items() if german != _of_page(text) != text}
+    assert ours == {}
 
 
 def test_nothing_is_translated_that_nobody_says() -> None:
