@@ -2,11 +2,8 @@
 
 import difflib
 import os
-import sys
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
-from urllib.parse import quote
 
 import click
 
@@ -16,28 +13,23 @@ from appliance.limits import PROFILES, Profile
 from appliance.service.control.starting import how_to_restart
 from appliance.supervision.annunciator import Role
 from drivers.clock.host_clock import HostClock
-from drivers.descriptor import Option
 from drivers.device_api import TrackerSource, VideoSource
-from drivers.errors import ConfigurationError, DeviceLost, ProbewatchError
+from drivers.errors import ConfigurationError, DeviceLost
 from drivers.files.atomic_file import check_kind, check_writable, writing
 from drivers.io.inventory import CONNECTED, ROOT, Found
-from drivers.registry import check_options, drivers, open_tracker, open_video, split_url
+from drivers.registry import check_options, open_tracker, open_video
 from tools.commands.check import calibration_mistakes, calibration_remarks, mistakes_in, rows
 from tools.commands.probe import complaints, findings, measure
 from tools.shared.configuration_text import Answers, Value, changed, template
-from tools.shared.driver_text import examples, real_drivers
+from tools.shared.device_question import DeviceQuestion, Respondent, whole_path
+from tools.shared.driver_text import real_drivers
 from tools.shared.interruption import stopped_saying
 from tools.shared.limits_in_force import remarks as remarks_on_limits
 from tools.shared.named_cart import file_argument
-from tools.shared.unit_sight import is_of_the_unit, relative, unseen
+from tools.shared.unit_sight import is_of_the_unit
 
 _TRIAL_S = 2.0
 """For which a device is tried: forty pictures of a slow scanner, and a person does not wait long. Not varied."""
-_WORDS = {
-    "video": "the scanner's picture",
-    "tracker": "the tracker",
-    "output": "the output that drives the contact",
-}
 _PROFILES: dict[Profile, str] = {
     "coarse": "3 deg, 5 %, 4 mm, 60 ms: finds a wrong or bent marker body, cable, depth; the one to begin with",
     "clinical": "1.5 deg, 3 %, 2.5 mm, 30 ms, a point within 4 mm: optical tracker, phantom; open more often",
@@ -63,32 +55,6 @@ In a script, give video, tracker, contact and --yes, and nothing is asked:
 Exit code 0: written, or nothing to change. 69: a device that was tried does not work. 78: the configuration would be
 refused, or cannot be written. 130: declined.
 """
-
-
-class _Person:
-    """The person who answers. `is_there` is False without a terminal. `sees_less` is True where the service can read
-    fewer files than the person.
-    """
-
-    def __init__(self, sees_less: bool = False) -> None:
-        self.is_there = sys.stdin.isatty()
-        self.sees_less = sees_less
-
-    def ask(self, question: str, default: str, option: str) -> str:
-        """Asks. Raises ConfigurationError without a terminal."""
-        if not self.is_there:
-            raise ConfigurationError("needs an answer, and there is no terminal", question, f"Give {option}")
-        return str(click.prompt(question, default=default or None, show_default=bool(default))).strip()
-
-    def misplaced(self, file: Path) -> str:
-        """Returns why the service cannot read a file that the person names; empty where it can."""
-        return unseen(file) if self.sees_less else ""
-
-    def agrees(self, question: str, default: bool, option: str) -> bool:
-        """Asks for confirmation. Raises ConfigurationError without a terminal."""
-        if not self.is_there:
-            raise ConfigurationError("needs an answer, and there is no terminal", question, f"Give {option}")
-        return click.confirm(question, default=default)
 
 
 @click.command("configure", help=_HELP)
@@ -122,7 +88,7 @@ def command(
 ) -> None:
     if without and calibration is not None:
         raise click.UsageError("--calibration names one; leave --no-calibration out")
-    person = _Person(is_of_the_unit(file))
+    person = Respondent(is_of_the_unit(file))
     _refuse_unwritable(file)
     before = configuration_text(file) if file.exists() else None
     base = template() if fresh or before is None else before
@@ -131,11 +97,11 @@ def command(
     try_it = None if untried else _try
     place = _calibration_place(known, probe)
     if calibration is not None and calibration != "none":
-        _refuse_calibration(place, _whole(calibration), person)
+        _refuse_calibration(place, whole_path(calibration), person)
     at = _place(known, Role.CONTACT)
-    seen = _Device("video", video, old.video.url if old else "", try_it)
-    tracked = _Device("tracker", tracker, old.tracker.url if old else "", try_it)
-    opened = _Device("output", contact, old.output[at].url if old else "", None)
+    seen = DeviceQuestion("video", video, old.video.url if old else "", try_it)
+    tracked = DeviceQuestion("tracker", tracker, old.tracker.url if old else "", try_it)
+    opened = DeviceQuestion("output", contact, old.output[at].url if old else "", None)
     for device in (seen, tracked, opened):
         device.check_given()
     lit = _lamps(known, lamps)
@@ -179,121 +145,6 @@ def _known(text: str, file: Path) -> Config:
             click.echo(row, err=True)
         remedy = "Correct it in an editor (see: probewatch check), or start over with --fresh"
         raise ConfigurationError("is invalid and was not changed", str(file), remedy) from None
-
-
-@dataclass(frozen=True, slots=True)
-class _Device:
-    """One of the devices. `given` is its URL from the option. `before` is the URL in the file; the service may hold
-    that device, so it is not tested. `try_it` tests a (URL, kind) and raises ProbewatchError where it fails; None skips
-    the test.
-    """
-
-    kind: str
-    given: str | None
-    before: str
-    try_it: Callable[[str, str], None] | None
-
-    @property
-    def option(self) -> str:
-        """The option that answers instead of the question."""
-        return f"--{'contact' if self.kind == 'output' else self.kind} URL"
-
-    def check_given(self) -> None:
-        """Raises ConfigurationError for the URL of an option that is invalid: a slip is told before any device is
-        tested.
-        """
-        if self.given is not None:
-            self._check_words(self.given)
-
-    def url(self, person: _Person, look: Callable[[], Iterator[tuple[str, str]]]) -> str:
-        """Returns the URL, from the option or the answer. `look` lists (URL, title) of connected devices.
-
-        Raises ProbewatchError for the URL of an option that is invalid or fails its test.
-        """
-        if self.given is not None:
-            self._check(self.given)
-            return self.given
-        if self.before and not person.is_there:
-            return self.before
-        found = list(look()) if person.is_there else []
-        if person.is_there:
-            what = _WORDS[self.kind]
-            click.echo(f"\n{what[0].upper()}{what[1:]}: a number, or a URL such as {examples(self.kind)}")
-        for number, (url, title) in enumerate(found, 1):
-            click.echo(f"  {number}  {url}  {title}")
-        # The contact is not tried, so nobody comes to it by Enter alone.
-        default = self.before or ("1" if found and self.kind != "output" else "")
-        while True:
-            said = person.ask(_WORDS[self.kind], default, self.option)
-            if said.isdecimal() and not 0 < int(said) <= len(found):
-                click.echo(f"! {said} is not in the list{_numbers(len(found))}; or give a URL")
-                continue
-            url = found[int(said) - 1][0] if said.isdecimal() else said
-            if (taken := self._taken(url, person)) is not None:
-                return taken
-
-    def _taken(self, url: str, person: _Person) -> str | None:
-        """Returns the URL; None where it must be asked for again, with the reason printed."""
-        try:
-            url = url if url == self.before else self.with_files(url, person)
-            self._check(url)
-        except ConfigurationError as error:
-            click.echo(f"! {error}")
-            return None
-        except ProbewatchError as error:
-            click.echo(f"! {error}")
-            return url if person.agrees("Use it anyway?", False, "--untried") else None
-        return url
-
-    def with_files(self, url: str, person: _Person) -> str:
-        """Adds the files that the driver needs and the URL does not name yet; an NDI tracker, for example, sees
-        wireless markers only with the tool definition of their body. The second file is asked for only where there is a
-        first. Raises ConfigurationError.
-        """
-        scheme, _, given = split_url(url, self.kind)
-        for row in () if given else drivers()[scheme].options:
-            if row.question:
-                more = self._with_file(url, row, person)
-                if more == url:
-                    return url
-                url = more
-        return url
-
-    def _with_file(self, url: str, row: Option, person: _Person) -> str:
-        """Asks for the file until the driver can read it; the answer `without` returns the URL unchanged."""
-        while (typed := person.ask(row.question, row.without, self.option)) != row.without:
-            file = _whole(typed)
-            if misplaced := person.misplaced(file):
-                click.echo(f"! {file}: {misplaced}, or '{row.without}'")
-                continue
-            more = f"{url}{'&' if '?' in url else '?'}{row.name}={quote(str(file))}"
-            try:
-                check_options(more, self.kind)
-            except ConfigurationError as error:
-                click.echo(f"! {error}, or '{row.without}'")
-            else:
-                return more
-        return url
-
-    def _check(self, url: str) -> None:
-        self._check_words(url)
-        if self.try_it is not None and url != self.before:
-            self.try_it(url, self.kind)
-
-    def _check_words(self, url: str) -> None:
-        check_options(url, self.kind)
-        for why in relative(url):
-            what, _, remedy = why.partition(". ")
-            raise ConfigurationError(what, url, remedy)
-
-
-def _numbers(most: int) -> str:
-    return f", give 1 to {most}" if most else ", which is empty"
-
-
-def _whole(typed: str) -> Path:
-    """Returns the path as the configuration must name it; the shell does not expand what is typed here."""
-    return Path(typed).expanduser().absolute()
 
 
 def _try(url: str, kind: str) -> None:
@@ -356,14 +207,14 @@ def _calibration_place(known: Config, probe: str | None) -> CalibrationPlace:
     return known.calibration if probe is None else known.calibration.model_copy(update={"probe": probe})
 
 
-def _mistakes_of(file: Path, place: CalibrationPlace, person: _Person) -> list[str]:
+def _mistakes_of(file: Path, place: CalibrationPlace, person: Respondent) -> list[str]:
     """Returns why the file cannot be the reference, one reason per line."""
     if misplaced := person.misplaced(file):
         return [f"{file}: {misplaced}"]
     return calibration_mistakes(place.model_copy(update={"file": file}))
 
 
-def _refuse_calibration(place: CalibrationPlace, file: Path, person: _Person) -> None:
+def _refuse_calibration(place: CalibrationPlace, file: Path, person: Respondent) -> None:
     """Raises ConfigurationError for a file that cannot be the reference, before any question or test."""
     mistakes = _mistakes_of(file, place, person)
     for mistake in mistakes:
@@ -375,7 +226,7 @@ def _refuse_calibration(place: CalibrationPlace, file: Path, person: _Person) ->
 
 
 def _calibration(
-    given: str | None, without: bool, old: Config | None, place: CalibrationPlace, person: _Person
+    given: str | None, without: bool, old: Config | None, place: CalibrationPlace, person: Respondent
 ) -> str | None:
     """Returns the path as the configuration names it, None for a cart without one. Raises ConfigurationError."""
     before = None if old is None else old.calibration.file
@@ -384,12 +235,12 @@ def _calibration(
     if given is None and old is not None and not person.is_there:
         given = str(before or "none")
     if given is not None:
-        return None if given == "none" else str(_whole(given))
+        return None if given == "none" else str(whole_path(given))
     if person.is_there:
         click.echo("\nCalibration file (probewatch TOML or PLUS device set, XML), or none: scan it on this cart")
     option = "--calibration FILE, or --no-calibration"
     while (said := person.ask("calibration", str(before or "none"), option)) != "none":
-        file = _whole(said)
+        file = whole_path(said)
         mistakes = _mistakes_of(file, place, person)
         if not mistakes:
             return str(file)
@@ -399,7 +250,7 @@ def _calibration(
     return None
 
 
-def _profile(known: Config, person: _Person) -> str:
+def _profile(known: Config, person: Respondent) -> str:
     if not person.is_there:
         return known.limits.profile
     click.echo("\nHow far the calibration may be off while the contact is closed")
@@ -408,7 +259,7 @@ def _profile(known: Config, person: _Person) -> str:
     return str(click.prompt("limits", default=known.limits.profile, type=click.Choice(list(PROFILES))))
 
 
-def _language(known: Config, person: _Person) -> str:
+def _language(known: Config, person: Respondent) -> str:
     if not person.is_there:
         return known.alarm.language
     choice = click.Choice(["en", "de"])
@@ -428,7 +279,7 @@ def _checked(base: str, answers: Answers, file: Path) -> str:
     return new
 
 
-def _write(file: Path, before: str | None, new: str, yes: bool, person: _Person) -> bool:
+def _write(file: Path, before: str | None, new: str, yes: bool, person: Respondent) -> bool:
     """Writes the file; returns whether anything had changed.
 
     Raises ConfigurationError where it cannot be written, click.Abort where the person declines.

@@ -1,0 +1,162 @@
+"""Asks which device is to be used: its URL, from a list of what is connected or typed, and the files that it needs."""
+
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from urllib.parse import quote
+
+import click
+
+from drivers.descriptor import Option
+from drivers.errors import ConfigurationError, ProbewatchError
+from drivers.registry import check_options, drivers, split_url
+from tools.shared.driver_text import examples
+from tools.shared.unit_sight import relative, unseen
+
+_WORDS = {
+    "video": "the scanner's picture",
+    "tracker": "the tracker",
+    "output": "the output that drives the contact",
+}
+
+
+class Respondent:
+    """The person who answers. `is_there` is False without a terminal. `sees_less` is True where the service can read
+    fewer files than the person.
+    """
+
+    def __init__(self, sees_less: bool = False) -> None:
+        self.is_there = sys.stdin.isatty()
+        self.sees_less = sees_less
+
+    def ask(self, question: str, default: str, option: str) -> str:
+        """Asks. Raises ConfigurationError without a terminal."""
+        if not self.is_there:
+            raise ConfigurationError("needs an answer, and there is no terminal", question, f"Give {option}")
+        return str(click.prompt(question, default=default or None, show_default=bool(default))).strip()
+
+    def misplaced(self, file: Path) -> str:
+        """Returns why the service cannot read a file that the person names; empty where it can."""
+        return unseen(file) if self.sees_less else ""
+
+    def agrees(self, question: str, default: bool, option: str) -> bool:
+        """Asks for confirmation. Raises ConfigurationError without a terminal."""
+        if not self.is_there:
+            raise ConfigurationError("needs an answer, and there is no terminal", question, f"Give {option}")
+        return click.confirm(question, default=default)
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceQuestion:
+    """The question for one device. `given` is its URL from the option. `before` is the URL in the file; the service
+    may hold that device, so it is not tested. `try_it` tests a (URL, kind) and raises ProbewatchError where it fails;
+    None skips the test.
+    """
+
+    kind: str
+    given: str | None
+    before: str
+    try_it: Callable[[str, str], None] | None
+
+    @property
+    def option(self) -> str:
+        """The option that answers instead of the question."""
+        return f"--{'contact' if self.kind == 'output' else self.kind} URL"
+
+    def check_given(self) -> None:
+        """Raises ConfigurationError for the URL of an option that is invalid: a slip is told before any device is
+        tested.
+        """
+        if self.given is not None:
+            self._check_words(self.given)
+
+    def url(self, person: Respondent, look: Callable[[], Iterator[tuple[str, str]]]) -> str:
+        """Returns the URL, from the option or the answer. `look` lists (URL, title) of connected devices.
+
+        Raises ProbewatchError for the URL of an option that is invalid or fails its test.
+        """
+        if self.given is not None:
+            self._check(self.given)
+            return self.given
+        if self.before and not person.is_there:
+            return self.before
+        found = list(look()) if person.is_there else []
+        if person.is_there:
+            what = _WORDS[self.kind]
+            click.echo(f"\n{what[0].upper()}{what[1:]}: a number, or a URL such as {examples(self.kind)}")
+        for number, (url, title) in enumerate(found, 1):
+            click.echo(f"  {number}  {url}  {title}")
+        # The contact is not tried, so nobody comes to it by Enter alone.
+        default = self.before or ("1" if found and self.kind != "output" else "")
+        while True:
+            said = person.ask(_WORDS[self.kind], default, self.option)
+            if said.isdecimal() and not 0 < int(said) <= len(found):
+                click.echo(f"! {said} is not in the list{_numbers(len(found))}; or give a URL")
+                continue
+            url = found[int(said) - 1][0] if said.isdecimal() else said
+            if (taken := self._taken(url, person)) is not None:
+                return taken
+
+    def _taken(self, url: str, person: Respondent) -> str | None:
+        """Returns the URL; None where it must be asked for again, with the reason printed."""
+        try:
+            url = url if url == self.before else self.with_files(url, person)
+            self._check(url)
+        except ConfigurationError as error:
+            click.echo(f"! {error}")
+            return None
+        except ProbewatchError as error:
+            click.echo(f"! {error}")
+            return url if person.agrees("Use it anyway?", False, "--untried") else None
+        return url
+
+    def with_files(self, url: str, person: Respondent) -> str:
+        """Adds the files that the driver needs and the URL does not name yet; an NDI tracker, for example, sees
+        wireless markers only with the tool definition of their body. The second file is asked for only where there is a
+        first. Raises ConfigurationError.
+        """
+        scheme, _, given = split_url(url, self.kind)
+        for row in () if given else drivers()[scheme].options:
+            if row.question:
+                more = self._with_file(url, row, person)
+                if more == url:
+                    return url
+                url = more
+        return url
+
+    def _with_file(self, url: str, row: Option, person: Respondent) -> str:
+        """Asks for the file until the driver can read it; the answer `without` returns the URL unchanged."""
+        while (typed := person.ask(row.question, row.without, self.option)) != row.without:
+            file = whole_path(typed)
+            if misplaced := person.misplaced(file):
+                click.echo(f"! {file}: {misplaced}, or '{row.without}'")
+                continue
+            more = f"{url}{'&' if '?' in url else '?'}{row.name}={quote(str(file))}"
+            try:
+                check_options(more, self.kind)
+            except ConfigurationError as error:
+                click.echo(f"! {error}, or '{row.without}'")
+            else:
+                return more
+        return url
+
+    def _check(self, url: str) -> None:
+        self._check_words(url)
+        if self.try_it is not None and url != self.before:
+            self.try_it(url, self.kind)
+
+    def _check_words(self, url: str) -> None:
+        check_options(url, self.kind)
+        for why in relative(url):
+            what, _, remedy = why.partition(". ")
+            raise ConfigurationError(what, url, remedy)
+
+
+def _numbers(most: int) -> str:
+    return f", give 1 to {most}" if most else ", which is empty"
+
+
+def whole_path(typed: str) -> Path:
+    """Returns the path as the configuration must name it; the shell does not expand what is typed here."""
+    return Path(typed).expanduser().absolute()
