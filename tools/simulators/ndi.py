@@ -11,8 +11,9 @@ from drivers.clock.host_clock import HostClock
 from drivers.errors import ConfigurationError
 from drivers.twins.fault_control import FaultControl, parse_fault
 from drivers.twins.faults import Schedule
-from drivers.twins.ndi.combined_api import WIRED_TOOLS, CombinedApi
+from drivers.twins.ndi.combined_api import CombinedApi
 from drivers.twins.ndi.models import MODELS, Model
+from drivers.twins.ndi.port_handles import WIRED_TOOLS
 from drivers.twins.ndi.tool_definitions import PROBE, REFERENCE, make_rom
 from drivers.twins.ndi.tracker import NDI_FAULTS, NdiTwin
 from drivers.twins.pty_line import PtyLine, TwinLine

@@ -3,49 +3,38 @@
 No line, no process and no waiting here: `answer(line, t_s)` takes one request and gives the bytes of the reply.
 """
 
-import struct
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
 from enum import Enum
 
 from drivers.errors import ProtocolError
 from drivers.trackers.ndi import bx2
 from drivers.trackers.ndi.bx import encode_bx
 from drivers.trackers.ndi.replies import TrackingReply
-from drivers.trackers.ndi.rom import CHUNK_BYTES, ROM_BYTES, definition_of, rom_sum
+from drivers.trackers.ndi.rom import definition_of
 from drivers.trackers.ndi.tx import encode_tx
 from drivers.trackers.ndi.wire import Command, decode_command, encode_text
 from drivers.twins.ndi.measurement import Measurement, faults_of, measure
 from drivers.twins.ndi.models import SPECTRA, Model
-from drivers.twins.ndi.tool_definitions import PROBE as PROBE_TYPE
-from drivers.twins.ndi.tool_definitions import REFERENCE as REFERENCE_TYPE
-from drivers.twins.ndi.tool_definitions import make_rom
+from drivers.twins.ndi.port_handles import Port, PortHandles, RefuseError
 from drivers.twins.ndi.tracking_replies import Measured, bx2_frame, bx2_options, tracking_reply
-from drivers.twins.tool_motion import PROBE, REFERENCE, PoseAt
+from drivers.twins.tool_motion import PoseAt
 
 BUMPED, TOO_HOT, PTP_LOST = 0x200000, 0x20000000, 0x80000000
 """Bits of the alert masks; PTP_LOST is none on the wire, where only BX2 has a code for it."""
-
-WIRED_TOOLS = ("probe", "reference", "dual", "unprogrammed")
-"""What may hang on a cable; a dual tool is two sensors of five degrees of freedom behind one plug."""
 
 _ALERTS_PENDING, _TEMPERATURE = 0x0100, 0x0200
 _BX2_ALERTS = {0x100000: (1, 1), BUMPED: (1, 2), TOO_HOT: (1, 8), 0x40000000: (1, 9), PTP_LOST: (1, 14)}
 """Combined API, written apart from the driver's numbers: bits of the system status; bit of an alert → (kind, code) of
 BX2's alert component."""
 
-_ROM_SPACE = 1024
-"""Bytes of a tool's memory: some clients write sixteen chunks of 64 where a definition has twelve."""
-
 _EPOCH_S = 1_750_000_000
 """Unix time at world time 0 by the clock of BX2: a day in 2025, so that seconds are as large as on a real device."""
 
 _STEP_BACK_S = 5.0
 """By which that clock is behind without its master: far more than a delay, so that it cannot pass for one."""
-_QUESTIONS = ("APIREV", "BEEP", "BX", "GET", "GETINFO", "PHINF", "PHSR", "SFLIST", "TX", "VER")
+_QUESTIONS = ("APIREV", "BEEP", "BX", "GET", "GETINFO", "SFLIST", "TX", "VER")
 _SETTINGS = ("COMM", "DSTART", "DSTOP", "INIT", "IRATE", "SET", "TSTART", "TSTOP", "VSEL")
-_PORT_COMMANDS = ("PDIS", "PENA", "PHF", "PHRQ", "PINIT", "PVWR")
-_CHANGES = frozenset({*_SETTINGS, *_PORT_COMMANDS}) - {"INIT"}
+_CHANGES = frozenset({*_SETTINGS, *PortHandles.CHANGES}) - {"INIT"}
 _ANY_MODE = frozenset({"APIREV", "BEEP", "COMM", "GET", "GETINFO", "INIT", "SET", "VER"})
 _TRACKING_ONLY = frozenset({"BX", "BX2", "TX", "TSTOP", "DSTOP"})
 _SFLIST = {"00": "00000013", "01": "0", "02": "9", "03": "0", "04": "1", "05": "3"}
@@ -60,44 +49,11 @@ class Mode(Enum):
     DIAGNOSTICS = "Diagnostics"
 
 
-@dataclass(slots=True)
-class Port:
-    """One port handle. socket: number of the plug, 0 for a wireless tool. channel: 0 or 1 of a dual tool.
-
-    seen: the camera has the tool in view. extra_status: bits added to the port status.
-    """
-
-    rom: bytearray = field(default_factory=lambda: bytearray(_ROM_SPACE))
-    socket: int = 0
-    channel: int = 0
-    programmed: bool = True
-    initialised: bool = False
-    enabled: bool = False
-    seen: bool = True
-    extra_status: int = 0
-
-    @property
-    def status(self) -> int:
-        """Port status of PHSR and TX: occupied, initialised, enabled."""
-        return 0x01 | 0x10 * self.initialised | 0x20 * self.enabled
-
-    @property
-    def main_type(self) -> int:
-        """The kind of tool its definition names."""
-        return self.rom[15] or PROBE_TYPE
-
-
-class _RefuseError(Exception):
-    def __init__(self, code: int) -> None:
-        super().__init__(code)
-        self.code = code
-
-
 class CombinedApi:
     """pose_at: where tools are. track_hz: one of the model's. skew_ppm: of the device's clock. wired: of WIRED_TOOLS.
 
-    The attributes are the test bench: ports, new_alerts, system_status, hold_s (measure no more since then) and faults
-    (name → second since when, see drivers.twins.ndi.measurement) may be set.
+    The attributes are the test bench: handles, new_alerts, system_status, hold_s (measure no more since then) and
+    faults (name → second since when, see drivers.twins.ndi.measurement) may be set.
     """
 
     def __init__(
@@ -113,20 +69,25 @@ class CombinedApi:
         self.counter_hz = track_hz if model.bx2 else model.counter_hz
         self._step = self.counter_hz // track_hz
         self._rate = 1 + skew_ppm * 1e-6
-        self._pose_at, self._wired = pose_at, wired
+        self._pose_at, self.handles = pose_at, PortHandles(wired, model.electromagnetic)
         self.faults: Mapping[str, float] = {}
         self.bumped = False
-        names = (*_QUESTIONS, *_SETTINGS, *_PORT_COMMANDS, *("BX2",) * model.bx2)
+        names = (*_QUESTIONS, *_SETTINGS, *("BX2",) * model.bx2)
         self._commands: dict[str, Callable[[str, float], str | bytes]] = {
             name: getattr(self, f"_{name.lower()}") for name in names
         }
         self.reset()
 
+    @property
+    def ports(self) -> dict[int, Port]:
+        """Handle → port."""
+        return self.handles.ports
+
     def reset(self) -> None:
         """Reset, as after power-up or a break: no handles, 9600 baud, set-up mode. Only a bump is remembered."""
         self.mode = Mode.SETUP
         self.baud = 9600
-        self.ports: dict[int, Port] = {}
+        self.handles.clear()
         self.alerts, self.new_alerts, self.system_status = BUMPED * self.bumped, BUMPED * self.bumped, 0
         self.hold_s: float | None = None
         self._counter_zero = 0
@@ -147,7 +108,7 @@ class CombinedApi:
             return encode_text("WARNING06")
         try:
             reply = self._perform(command, t_s)
-        except _RefuseError as refusal:
+        except RefuseError as refusal:
             reply = f"ERROR{refusal.code:02X}"
         return reply if isinstance(reply, bytes) else encode_text(reply)
 
@@ -176,33 +137,35 @@ class CombinedApi:
         return (frame + self._counter_zero) / (self.counter_hz * self._rate)
 
     def _perform(self, command: Command, t_s: float) -> str | bytes:
-        if command.name not in self._commands:
-            raise _RefuseError(0x01)
+        of_a_port = command.name in (*PortHandles.QUESTIONS, *PortHandles.CHANGES)
+        if command.name not in self._commands and not of_a_port:
+            raise RefuseError(0x01)
         if command.name in ("BX", "BX2", "TX") and self.mode is not Mode.TRACKING:
-            raise _RefuseError(0x0C)
+            raise RefuseError(0x0C)
         if command.name not in _ANY_MODE | _TRACKING_ONLY:
             self._require_initialised()
+        if of_a_port:
+            return self.handles.perform(command.name, command.arguments)
         return self._commands[command.name](command.arguments, t_s)
 
     def _require_initialised(self) -> None:
         if self.mode is Mode.SETUP:
-            raise _RefuseError(0x10)
+            raise RefuseError(0x10)
         if self.mode is not Mode.INITIALISED:
-            raise _RefuseError(0x0C)
+            raise RefuseError(0x0C)
 
     def _init(self, _: str, __: float) -> str:
         if self.mode is Mode.SETUP:
-            plugged = enumerate(self._wired, 1)
-            self.ports = {number: _wired_port(number, kind) for number, kind in plugged}
+            self.handles.plug_in()
         self.mode = Mode.INITIALISED
         return "OKAY"
 
     def _comm(self, arguments: str, _: float) -> str:
         if len(arguments) != 5:
-            raise _RefuseError(0x03 if len(arguments) < 5 else 0x02)
+            raise RefuseError(0x03 if len(arguments) < 5 else 0x02)
         bauds = dict(self.model.bauds)
         if arguments[0] not in bauds or arguments[1:] != "0000":
-            raise _RefuseError(0x06)
+            raise RefuseError(0x06)
         self.baud = bauds[arguments[0]]
         return "OKAY"
 
@@ -213,12 +176,12 @@ class CombinedApi:
         if number in ("0", "4"):
             return self.model.version
         if number != "5":
-            raise _RefuseError(0x23)
+            raise RefuseError(0x23)
         return self.model.revision
 
     def _beep(self, number: str, _: float) -> str:
         if not number.isdecimal() or not 1 <= int(number) <= 9:
-            raise _RefuseError(0x23)
+            raise RefuseError(0x23)
         return "1"
 
     def _parameters(self) -> dict[str, str]:
@@ -246,7 +209,7 @@ class CombinedApi:
             key: value for key, value in known.items() if key == name or (wanted != name and key.startswith(wanted))
         }
         if not found:
-            raise _RefuseError(0x34)
+            raise RefuseError(0x34)
         if "Info.Status.New Alerts" in found:
             self.new_alerts = 0
         return "\n".join(f"{key}={value}" for key, value in found.items()) + ("\n" if len(found) > 1 else "")
@@ -258,9 +221,9 @@ class CombinedApi:
     def _set(self, assignment: str, _: float) -> str:
         name, _equals, value = assignment.partition("=")
         if name not in self._parameters():
-            raise _RefuseError(0x34)
+            raise RefuseError(0x34)
         if not value.isdecimal():
-            raise _RefuseError(0x36)
+            raise RefuseError(0x36)
         if name == "Param.Bump Detector.Clear":
             self.bumped = self.bumped and value == "0"
             self.end_alert(BUMPED)
@@ -268,115 +231,27 @@ class CombinedApi:
             self.alerts = 0
             self.raise_alert(int(value))
         elif not name.startswith("Param."):
-            raise _RefuseError(0x39)
+            raise RefuseError(0x39)
         return "OKAY"
 
     def _sflist(self, number: str, _: float) -> str:
         if number not in _SFLIST:
-            raise _RefuseError(0x23)
+            raise RefuseError(0x23)
         return _SFLIST[number]
 
     def _irate(self, number: str, _: float) -> str:
         if number not in ("0", "1", "2"):
-            raise _RefuseError(0x23)
+            raise RefuseError(0x23)
         return "OKAY"
 
     def _vsel(self, number: str, _: float) -> str:
         if number != "1":
-            raise _RefuseError(0x24)
+            raise RefuseError(0x24)
         return "OKAY"
-
-    def _phsr(self, group: str, _: float) -> str:
-        chosen: dict[str, Callable[[Port], bool]] = {
-            "00": lambda _: True,
-            "01": lambda _: False,
-            "02": lambda port: not port.initialised,
-            "03": lambda port: port.initialised and not port.enabled,
-            "04": lambda port: port.enabled,
-        }
-        if (group or "00") not in chosen:
-            raise _RefuseError(0x23)
-        ports = {handle: port for handle, port in self.ports.items() if chosen[group or "00"](port)}
-        return f"{len(ports):02X}" + "".join(f"{handle:02X}{port.status:03X}" for handle, port in ports.items())
-
-    def _phrq(self, arguments: str, _: float) -> str:
-        if len(arguments) != 14:
-            raise _RefuseError(0x03 if len(arguments) < 14 else 0x02)
-        return f"{self._allocate(Port()):02X}"
-
-    def _allocate(self, port: Port) -> int:
-        handle = next((number for number in range(1, 0x100) if number not in self.ports), None)
-        if handle is None:
-            raise _RefuseError(0x2D)
-        self.ports[handle] = port
-        return handle
-
-    def _pvwr(self, arguments: str, _: float) -> str:
-        port = self._port(arguments[:2])
-        if len(arguments) != 6 + 2 * CHUNK_BYTES:
-            raise _RefuseError(0x03 if len(arguments) < 6 + 2 * CHUNK_BYTES else 0x02)
-        try:
-            address, chunk = int(arguments[2:6], 16), bytes.fromhex(arguments[6:])
-        except ValueError:
-            raise _RefuseError(0x23) from None
-        if address + CHUNK_BYTES > _ROM_SPACE:
-            raise _RefuseError(0x23)
-        port.rom[address : address + CHUNK_BYTES] = chunk
-        port.programmed = True
-        return "OKAY"
-
-    def _pinit(self, arguments: str, _: float) -> str:
-        port = self._port(arguments)
-        image = bytes(port.rom[:ROM_BYTES])
-        if not port.programmed:
-            raise _RefuseError(0x1E)
-        if image[:4] != b"NDI\0" or struct.unpack_from("<H", image, 4)[0] != rom_sum(image):
-            raise _RefuseError(0x40)
-        port.initialised = True
-        self._reveal_other_half(port)
-        return "OKAY"
-
-    def _reveal_other_half(self, port: Port) -> None:
-        dual = bool(port.socket) and self._wired[port.socket - 1] == "dual"
-        if dual and sum(other.socket == port.socket for other in self.ports.values()) == 1:
-            self._allocate(Port(bytearray(port.rom), port.socket, channel=1))
-
-    def _pena(self, arguments: str, _: float) -> str:
-        port = self._port(arguments[:2])
-        if arguments[2:] not in ("D", "S", "B"):
-            raise _RefuseError(0x09)
-        if not port.initialised:
-            raise _RefuseError(0x0E)
-        port.enabled = True
-        return "OKAY"
-
-    def _pdis(self, arguments: str, _: float) -> str:
-        self._port(arguments).enabled = False
-        return "OKAY"
-
-    def _phf(self, arguments: str, _: float) -> str:
-        self._port(arguments)
-        del self.ports[int(arguments, 16)]
-        return "OKAY"
-
-    def _phinf(self, arguments: str, _: float) -> str:
-        port = self._port(arguments[:2])
-        options = int(arguments[2:] or "0001", 16)
-        system, wireless = int(self.model.electromagnetic), int(not port.socket)
-        fields = {
-            0x0001: f"{port.main_type:02X}000000NDI         00135A7B2C1{port.status:02X}",
-            0x0002: "00000000",
-            0x0004: definition_of(bytes(port.rom)).part_number.ljust(20),
-            0x0008: "00",
-            0x0010: "00" if port.socket else "28",
-            0x0020: f"{'SCU-0' if port.socket else '':8}{system}{wireless}{port.socket:02d}{port.channel:02d}",
-            0x0040: "00",
-        }
-        return "".join(text for bit, text in fields.items() if options & bit)
 
     def _tstart(self, arguments: str, t_s: float) -> str:
         if arguments not in ("", "80"):
-            raise _RefuseError(0x23)
+            raise RefuseError(0x23)
         if arguments == "80":
             self._counter_zero = int(t_s * self.counter_hz * self._rate)
         self.mode, self._sent_frame = Mode.TRACKING, None
@@ -394,7 +269,7 @@ class CombinedApi:
 
     def _leave(self, mode: Mode) -> str:
         if self.mode is not mode:
-            raise _RefuseError(0x0C)
+            raise RefuseError(0x0C)
         self.mode = Mode.INITIALISED
         return "OKAY"
 
@@ -413,14 +288,14 @@ class CombinedApi:
             options = int(arguments or "0001", 16)
             return encode(tracking_reply(self._measured(frame), frame, status, options), options)
         except (ValueError, ProtocolError):
-            raise _RefuseError(0x23) from None
+            raise RefuseError(0x23) from None
 
     def _bx2(self, arguments: str, t_s: float) -> bytes:
         """Answers BX2: without data unless there is a new measurement, because data are never repeated."""
         try:
             wanted = bx2_options(arguments)
         except ValueError:
-            raise _RefuseError(0x23) from None
+            raise RefuseError(0x23) from None
         frame = self.frame(t_s)
         if frame == self._sent_frame:
             return bx2.encode_bx2(())
@@ -437,7 +312,7 @@ class CombinedApi:
         return _EPOCH_S * 1_000_000_000 + counts - round(_STEP_BACK_S * 1e9) * bool(self.alerts & PTP_LOST)
 
     def _measured(self, frame: int) -> Measured:
-        t_s, names = self.frame_s(frame), self._names()
+        t_s, names = self.frame_s(frame), self.handles.names()
         faults = faults_of(self.faults, frame // self._step)
         measured: Measured = {}
         for handle, port in self.ports.items():
@@ -447,23 +322,3 @@ class CombinedApi:
                 seen = measure(self._pose_at, names[handle], markers_mm, fit_mm, t_s, frame, faults)
                 measured[handle] = (port.extra_status, seen if port.seen else Measurement(None))
         return measured
-
-    def _names(self) -> dict[int, str]:
-        """What the motion calls the tools: probe, reference, then by number."""
-        names: dict[int, str] = {}
-        for handle, port in sorted(self.ports.items()):
-            wanted = REFERENCE if port.main_type == REFERENCE_TYPE else PROBE
-            names[handle] = wanted if wanted not in names.values() else f"tool{len(names) + 1}"
-        return names
-
-    def _port(self, text: str) -> Port:
-        try:
-            return self.ports[int(text, 16)]
-        except (ValueError, KeyError):
-            raise _RefuseError(0x08) from None
-
-
-def _wired_port(number: int, kind: str) -> Port:
-    """A plug as the device finds it at INIT."""
-    rom = make_rom(REFERENCE_TYPE if kind == "reference" else PROBE_TYPE)
-    return Port(bytearray(rom.ljust(_ROM_SPACE, b"\0")), number, programmed=kind != "unprogrammed")

@@ -334,8 +334,7 @@ def test_tool_information() -> None:
 
 def test_tool_information_that_is_not_understood_does_not_stop_the_watch(tmp_path: Path) -> None:
     with bench(tmp_path, SPECTRA) as cart:
-        cart.twin.device._phinf = lambda arguments, t_s: "02000000NDI"  # type: ignore[method-assign]
-        cart.twin.device._commands["PHINF"] = cart.twin.device._phinf
+        cart.twin.device.handles._phinf = lambda arguments: "02000000NDI"  # type: ignore[method-assign]
         with cart.open() as tracker:
             assert until(tracker, PoseStatus.OK).matrix is not None
             assert "PHINF answered '02000000NDI'" in tracker.telemetry.warnings[0]

@@ -95,7 +95,7 @@ def test_closing_leaves_the_device_as_a_fresh_program_expects_it(tmp_path: Path)
 
 def test_the_first_wired_tool_needs_no_definition(tmp_path: Path) -> None:
     with bench(tmp_path) as cart:
-        cart.twin.device._wired = ("probe",)
+        cart.twin.device.handles.wired = ("probe",)
         with open_tracker(str(tmp_path / "tracker"), {"deadline_ms": "2000"}, cart.clock) as tracker:
             assert until(tracker, PoseStatus.OK).matrix is not None
 
