@@ -144,7 +144,7 @@ class Page:
         """Everything that the page shows but its pictures."""
         parts = self._parts
         if visitor is not None:
-            parts.session.look_on()
+            parts.session.attendance.look_on()
         seen = parts.watch.seen()
         status = seen.status
         state = None if status is None else (status["state"], status["since_s"] < 1.0)
@@ -224,7 +224,7 @@ class Page:
         if act is None:
             return refused("there is no such request", 404)
         body = await body_of(request)
-        self._parts.session.touch()
+        self._parts.session.attendance.touch()
         return await _done(act, self._parts.session, body)
 
     def _visitor(self, request: Request) -> Visitor | None:

@@ -11,7 +11,6 @@ import contextlib
 import threading
 import time
 from collections.abc import Callable, Mapping
-from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +24,7 @@ from drivers.files.atomic_file import check_writable
 from drivers.printable import printable
 from tools.recalibration.held_service import ANSWER_S, Asked, HeldService
 from tools.recalibration.paperwork import LONGEST_WORDS, Begin, Signature, checked, sign_off, signed, write_signed
+from tools.recalibration.phase import HELD, LISTENING, OPEN, Attendance, Phase
 from tools.recalibration.scanning import Scanned, counts_of, marked, state_fields
 from tools.recalibration.steps import LatencyStep, Sound, estimate_of
 from tools.shared.feed import Feed
@@ -40,34 +40,6 @@ _LATENCY_EVERY_S = 1.0
 """Between two solutions of the latency: one of a minute's pictures takes some .2 s. Not varied."""
 _FARTHEST_MM = 1e5
 """Of a point from the tracker's origin; no tracker sees so far, and NaN is not less."""
-_ABANDONED_S = 900.0
-"""Without anybody at the page or the terminal before a scan is given up: a quarter of an hour of a cart that cannot be
-used. Longer keeps it from everybody; shorter loses a scan to a telephone call.
-"""
-_UNSEEN_S = 300.0
-"""Without any browser that may go on before a scan begun by one is given up: a tablet that has fallen asleep, or was
-carried off, is back by then. Longer keeps the cart for nobody. Not measured.
-"""
-
-
-class Phase(StrEnum):
-    """Where the procedure stands."""
-
-    IDLE = "idle"
-    LATENCY = "latency"
-    SCANNING = "scanning"
-    REVIEW = "review"
-    CHECKING = "checking"
-    PROVING = "proving"
-    DONE = "done"
-    ENDED = "ended"
-
-
-_LISTENING = (Phase.LATENCY, Phase.SCANNING, Phase.CHECKING)
-"""While samples are taken."""
-_HELD = (*_LISTENING, Phase.REVIEW)
-"""While the service has to recalibrate, and nothing has been taken yet."""
-_OPEN = (*_HELD, Phase.PROVING)
 
 
 class ScanSession(Threaded):
@@ -99,8 +71,7 @@ class ScanSession(Threaded):
         self._heard_settings = False
         self._file: Path | None = None
         self._sha256 = ""
-        self._touched_s = now_s()
-        self._seen_s: float | None = None
+        self.attendance = Attendance(now_s)
         self._fields: dict[str, Any] = {}
         self._solved_s = 0.0
 
@@ -110,21 +81,13 @@ class ScanSession(Threaded):
         self._changed.set()
         self._thread.join(2 * ANSWER_S)
         with self._lock, contextlib.suppress(ProbewatchError):
-            if self._phase in _HELD:
+            if self._phase in HELD:
                 self._abort("the page has ended")
         self._service.let_go()
 
     @property
     def phase(self) -> Phase:
         return self._phase
-
-    def touch(self) -> None:
-        """Somebody who may go on with it is there."""
-        self._touched_s = self._now_s()
-
-    def look_on(self) -> None:
-        """A browser that may go on with it shows it. Whoever has looked on once is missed when he is gone."""
-        self._seen_s = self._now_s()
 
     def fields(self) -> dict[str, Any]:
         """Everything there is to show; docs/page.md lists the phases."""
@@ -168,7 +131,7 @@ class ScanSession(Threaded):
     def begin(self, begin: Begin) -> None:
         """Has the service recalibrate, and begins the scan. Raises ConfigurationError where no file can be written."""
         with self._lock:
-            if self._phase in _OPEN:
+            if self._phase in OPEN:
                 who = "" if self._begin is None else self._begin.technician
                 raise ControlRefused(
                     f"{who} recalibrates already", "recalibration", "Look on, or have it rejected first"
@@ -179,11 +142,11 @@ class ScanSession(Threaded):
             self._service.grasp()
             self._latency = LatencyStep() if begin.latency else None
             self._begin, self._scanned, self._file, self._sha256 = begin, None, None, ""
-            self._heard_settings, self._reference, self._fields, self._seen_s = False, None, {}, None
+            self._heard_settings, self._reference, self._fields = False, None, {}
             self._phase, self._message, self._trouble = Phase.SCANNING, "", ""
             if begin.latency:
                 self._phase = Phase.LATENCY
-            self.touch()
+            self.attendance.begin()
         self._changed.set()
 
     def take_latency(self, measured: bool) -> None:
@@ -293,7 +256,7 @@ class ScanSession(Threaded):
     def reject(self, why: str = "") -> None:
         """Ends the recalibration; the calibration in force stays."""
         with self._lock:
-            if self._phase not in _OPEN:
+            if self._phase not in OPEN:
                 raise ControlRefused("nothing is being recalibrated", "recalibration", "Begin one")
             self._abort(f"rejected{': ' if why else ''}{printable(why, LONGEST_WORDS)}")
 
@@ -306,7 +269,7 @@ class ScanSession(Threaded):
 
     def _run(self) -> None:
         while not self._ended.is_set():
-            if self._phase in _LISTENING:
+            if self._phase in LISTENING:
                 self._scan()
             else:
                 self._changed.wait(_LOOK_S)
@@ -331,7 +294,7 @@ class ScanSession(Threaded):
             self._ended.wait(_LOOK_S)
 
     def _take(self, message: FeedMessage | None) -> None:
-        if self._phase not in _LISTENING:
+        if self._phase not in LISTENING:
             return
         if self._phase is Phase.LATENCY:
             if isinstance(message, Taken) and self._latency is not None:
@@ -379,8 +342,8 @@ class ScanSession(Threaded):
         """Renews the hold on the service; after it, looks at what the service says of the new calibration."""
         seen = self._watch.seen()
         with self._lock:
-            if self._phase in _HELD:
-                if why := self._deserted():
+            if self._phase in HELD:
+                if why := self.attendance.deserted():
                     with contextlib.suppress(ProbewatchError):
                         self._abort(why)
                     return
@@ -394,19 +357,10 @@ class ScanSession(Threaded):
                     self._trouble = error.what
             elif self._phase is Phase.PROVING:
                 self._prove(seen)
-                if self._phase is Phase.PROVING and not self._deserted():
+                if self._phase is Phase.PROVING and not self.attendance.deserted():
                     self._service.speak()
                 else:
                     self._service.let_go()
-
-    def _deserted(self) -> str:
-        """Why the scan is given up; empty while somebody is there."""
-        now_s = self._now_s()
-        if now_s - self._touched_s > _ABANDONED_S:
-            return "abandoned: no operator was there for a quarter of an hour"
-        if self._seen_s is not None and now_s - max(self._seen_s, self._touched_s) > _UNSEEN_S:
-            return "abandoned: no browser that may go on with it was there for five minutes"
-        return ""
 
     def _prove(self, seen: Seen) -> None:
         status = seen.status

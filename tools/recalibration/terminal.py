@@ -18,7 +18,8 @@ from appliance.service.control.server import ControlRefused
 from drivers.errors import ProbewatchError
 from tools.recalibration.held_service import Asked
 from tools.recalibration.paperwork import Begin, Signature
-from tools.recalibration.session import Phase, ScanSession
+from tools.recalibration.phase import Phase
+from tools.recalibration.session import ScanSession
 from tools.shared.crosswire_review import comparison_table
 from tools.shared.german import confirmed, recognised, told
 
@@ -139,7 +140,7 @@ def _scan(session: ScanSession, alone: bool, language: str) -> None:
     lines, done = _Lines(console), Text(told(_COMPLETE, language), style="bold green")
     with Live(console=console, refresh_per_second=1 / _EVERY_S, transient=True) as live:
         while session.phase is Phase.SCANNING:
-            session.touch()
+            session.attendance.touch()
             fields = session.fields()
             scan = fields["scan"]
             complete = scan is not None and scan["result"] is not None and not scan["refusals"]
@@ -162,7 +163,7 @@ def _latency(session: ScanSession, language: str) -> None:
     console.print(told("Enter takes what was measured; 'skip' leaves it to the scan; Ctrl-C gives up.", language))
     with Live(console=console, refresh_per_second=1 / _EVERY_S, transient=True) as live:
         while session.phase is Phase.LATENCY:
-            session.touch()
+            session.attendance.touch()
             fields = session.fields()
             trouble = recognised(str(fields["trouble"]), language)
             live.update(Text(trouble or latency_text(fields["latency"], language)))
@@ -208,7 +209,7 @@ def _check(session: ScanSession, language: str) -> None:
     console.print(told(how, language))
     with Live(console=console, refresh_per_second=1 / _EVERY_S, transient=True) as live:
         while session.phase is Phase.CHECKING:
-            session.touch()
+            session.attendance.touch()
             fields = session.fields()
             trouble = recognised(str(fields["trouble"]), language)
             live.update(Text(trouble or check_text(fields["scan"] and fields["scan"]["check"], language)))
@@ -232,7 +233,7 @@ def _review(session: ScanSession, signature: Signature | None, language: str) ->
     """Review it until it is accepted, rejected or scanned on."""
     console = Console(file=sys.stdout, highlight=False)
     while session.phase is Phase.REVIEW:
-        session.touch()
+        session.attendance.touch()
         fields = session.fields()
         console.print(picture(fields, language), _views(fields["scan"]))
         if fields["scan"]["compared"]:

@@ -23,7 +23,7 @@ from appliance.service.control.server import ControlRefused
 from appliance.types import State
 from tests.support.crossings import SIZE_PX, TRUE, guided_views
 from tools.page.wording import worded
-from tools.recalibration.session import Phase
+from tools.recalibration.phase import Phase
 from tools.recalibration.steps import CheckStep, Sound
 
 FILES = Path(tools.page.__file__).parent / "files"
@@ -116,6 +116,7 @@ def test_what_the_check_says_is_recognised() -> None:
 ROOT = Path(tools.page.__file__).parents[2]
 SPEAKERS = (
     "tools/recalibration/session.py",
+    "tools/recalibration/phase.py",
     "tools/recalibration/held_service.py",
     "tools/recalibration/steps.py",
     "tools/recalibration/paperwork.py",

@@ -22,7 +22,8 @@ from tests.support.live_scan import RecalibratingService, Scan
 from tests.support.polling import until
 from tools.recalibration.held_service import Asked, HeldService
 from tools.recalibration.paperwork import Begin, Signature
-from tools.recalibration.session import Phase, ScanSession
+from tools.recalibration.phase import Phase
+from tools.recalibration.session import ScanSession
 from tools.shared.status_watch import StatusWatch
 
 SIZE_PX = (320, 240)
@@ -212,9 +213,9 @@ def test_the_service_hangs_on_the_session_and_on_nobody_once_it_has_ended(bench:
 
 def test_a_browser_that_looked_on_and_went_is_missed(bench: Bench) -> None:
     bench.session.begin(CHOSEN)
-    bench.session.look_on()
+    bench.session.attendance.look_on()
     bench.ahead_s = 290.0
-    bench.session.look_on()
+    bench.session.attendance.look_on()
     bench.ahead_s = 580.0
     until(lambda: bench.fields["trouble"])
     assert bench.session.phase is Phase.SCANNING
