@@ -14,8 +14,9 @@ from typing import Any
 import numpy as np
 
 from appliance.core.parameters import MEASURED
+from appliance.types import Fault
 from tools.study.bound import least_delay_s
-from tools.study.hazard import HIDDEN_S, ONSET_S, Hazard, Manner
+from tools.study.hazard import FAULTS, HIDDEN_S, ONSET_S, Hazard, Manner
 from tools.study.session import FPS, Session
 from tools.study.summary import Row, Share, number, rightly_named, truth_of
 
@@ -92,6 +93,11 @@ class Found:
     nats: list[float] = field(default_factory=list)
 
     @property
+    def kind(self) -> str:
+        """The kind of hazard, without its size and manner."""
+        return Hazard.parse(self.hazard).kind
+
+    @property
     def share(self) -> Share:
         """Runs with a FAULT."""
         return Share(len(self.fault_s), self.runs)
@@ -130,6 +136,11 @@ class Figures:
         for one in healthy:
             one["scores"] = {name: Score(**score) for name, score in one.get("scores", {}).items()}
         return cls([Healthy(**one) for one in healthy], [Found(**one) for one in found])
+
+
+def of_fault(found: list[Found], fault: Fault) -> list[Found]:
+    """Those whose name ought to be this one."""
+    return [one for one in found if FAULTS[one.kind] is fault]
 
 
 def figures(rows: Sequence[Row]) -> Figures:

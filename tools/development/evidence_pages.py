@@ -2,8 +2,7 @@
 
 import json
 from collections import Counter
-from collections.abc import Iterable, Sequence
-from itertools import cycle
+from collections.abc import Sequence
 from math import sqrt
 from pathlib import Path
 from statistics import mean, median, stdev
@@ -11,12 +10,11 @@ from statistics import mean, median, stdev
 from scipy.stats import t as student
 
 from appliance.core.parameters import MEASURED
-from appliance.limits import NAMED_NATS, WITHDRAWN_NATS
-from appliance.types import Fault
 from tools.development.evidence_figures import SOON_S, Figures, Found, Healthy, Origin
+from tools.development.evidence_pictures import coverage_picture, delay_picture, sensitivity_picture
+from tools.development.evidence_roc import roc_picture, roc_section
 from tools.development.false_alarm_pages import false_alarm_lines
 from tools.development.markdown import shared_aside, table
-from tools.report.svg import Plot, alone
 from tools.study.bound import FALSE_ALARM_H
 from tools.study.hazard import CREEP_S, FAULTS, HIDDEN_S, ONSET_S, Hazard, Manner
 from tools.study.samples import DEFAULT, WITHOUT_OFFSETS
@@ -33,11 +31,6 @@ time after the onset, also before it was found.
 
 DOCS = Path(__file__).parents[2] / "docs"
 DATA = DOCS / "evidence.json"
-_ROW, _FRAME = 22, 50
-"""Height of one line of a drawing, and of its axis, units of the drawing: labels of 12 units do not touch."""
-_MOST_DELAY_S = 10.0
-"""Of the drawing of delays; what is later is drawn at the edge."""
-
 _COVERAGE = """# Coverage: how often is healthy scanning verified?
 
 `make coverage-page` measures and writes this page; `make docs` writes it from `docs/evidence.json`. The figure is the
@@ -66,10 +59,10 @@ def pages(figures: Figures) -> dict[Path, str]:
     return {
         DOCS / "coverage.md": _coverage(figures.healthy),
         DOCS / "evidence.md": _evidence(figures),
-        DOCS / "pictures" / "coverage.svg": _coverage_picture(figures.healthy),
-        DOCS / "pictures" / "sensitivity.svg": _sensitivity_picture(figures.found),
-        DOCS / "pictures" / "delay.svg": _delay_picture(figures.found),
-        DOCS / "pictures" / "roc.svg": _roc_picture(figures),
+        DOCS / "pictures" / "coverage.svg": coverage_picture(figures.healthy),
+        DOCS / "pictures" / "sensitivity.svg": sensitivity_picture(figures.found),
+        DOCS / "pictures" / "delay.svg": delay_picture(figures.found),
+        DOCS / "pictures" / "roc.svg": roc_picture(figures),
     }
 
 
@@ -188,18 +181,14 @@ def _evidence(figures: Figures) -> str:
         *(
             line
             for kind in FAULTS
-            if (some := [one for one in found if _kind(one) == kind])
+            if (some := [one for one in found if one.kind == kind])
             for line in _kind_table(kind, some, _usual(found))
         ),
         *_confusion(found),
-        *_roc(figures),
+        *roc_section(figures),
         *_note(),
     ]
     return "\n".join(lines)
-
-
-def _kind(one: Found) -> str:
-    return Hazard.parse(one.hazard).kind
 
 
 def _usually(found: list[Found]) -> list[str]:
@@ -325,7 +314,7 @@ def _confusion(found: list[Found]) -> list[str]:
     told = sorted({name for one in found for name in one.told if name})
     rows = []
     for fault in dict.fromkeys(FAULTS.values()):
-        some = [one for one in found if FAULTS[_kind(one)] is fault]
+        some = [one for one in found if FAULTS[one.kind] is fault]
         counts = [sum(one.told.get(name, 0) for one in some) for name in (*told, "")]
         if sum(counts):
             right = Share(sum(one.named for one in some), sum(counts))
@@ -333,137 +322,3 @@ def _confusion(found: list[Found]) -> list[str]:
     head = ("", *(f"`{name}`" for name in told), "nothing", "right")
     text = "Rows: what it is. Columns: the name that came first."
     return ["## Confusion", "", text, "", *table(head, rows)]
-
-
-_ROC = """For each threshold: the share of healthy runs, and of runs with a hazard of each class, in which the log
-likelihood ratio of the sequential test reached it at any time (with a hazard: after its onset). *Area*: how often a run
-with the hazard came higher than a healthy one, ties by half. It is the test's own, without what is seen to happen and
-without the condition that one class alone explains it. Without a ratio, and left out: {left} of {all} runs.
-"""
-
-
-def _roc(figures: Figures) -> list[str]:
-    """What the sequential test would tell at other thresholds."""
-    quiet = _quiet_nats(figures)
-    everything: list[Healthy | Found] = [*figures.healthy, *figures.found]
-    runs = sum(one.runs for one in everything)
-    left = runs - sum(len(one.nats) for one in everything)
-    lines = ["## ROC of the sequential test", "", _ROC.format(left=left, all=runs)]
-    classes = _class_nats(figures.found)
-    if not quiet or not classes:
-        return [*lines, "Not measured.", ""]
-    rows = [
-        (f"`{fault}`", str(Share(_reached(nats, WITHDRAWN_NATS), len(nats))), str(_named(nats)), _area(nats, quiet))
-        for fault, nats in classes.items()
-    ]
-    rows += [("healthy", str(Share(_reached(quiet, WITHDRAWN_NATS), len(quiet))), str(_named(quiet)), "–")]
-    head = ("", f"reached {WITHDRAWN_NATS:g} nats", f"reached {NAMED_NATS:.1f} nats", "area")
-    picture = "![share of runs with a hazard over the share of healthy runs](pictures/roc.svg)"
-    return [*lines, picture, "", *table(head, rows)]
-
-
-def _quiet_nats(figures: Figures) -> list[float]:
-    return [nats for one in figures.healthy for nats in one.nats]
-
-
-def _class_nats(found: list[Found]) -> dict[Fault, list[float]]:
-    """Nats of each class that was measured."""
-    each = {fault: [nats for one in of_fault(found, fault) for nats in one.nats] for fault in FAULTS.values()}
-    return {fault: nats for fault, nats in each.items() if nats}
-
-
-def _reached(nats: list[float], level: float) -> int:
-    return sum(one >= level for one in nats)
-
-
-def _named(nats: list[float]) -> Share:
-    return Share(_reached(nats, NAMED_NATS), len(nats))
-
-
-def _area(nats: list[float], quiet: list[float]) -> str:
-    pairs = [(one > other) + 0.5 * (one == other) for one in nats for other in quiet]
-    return f"{mean(pairs):.3f}"
-
-
-_CURVES = ("a", "b", "bad", "mark", "c", "d")
-"""Colours of the classes; a seventh would take the first again."""
-
-
-def _roc_picture(figures: Figures) -> str:
-    quiet, classes = _quiet_nats(figures), _class_nats(figures.found)
-    plot = Plot((0, 100), (0, 100), "% of healthy runs", "% of runs with the hazard", 300)
-    # The longest name first: at the right edge there is room for a short one.
-    for kind, fault in zip(cycle(_CURVES), sorted(classes, key=len, reverse=True), strict=False):
-        levels = sorted({*classes[fault], *quiet}, reverse=True)
-        xs, ys = ([_percent(nats, level) for level in levels] for nats in (quiet, classes[fault]))
-        plot.line([0.0, *xs], [0.0, *ys], kind, str(fault))
-    return alone(plot.svg("ROC of the sequential test, a line for each class of hazard"))
-
-
-def _percent(nats: list[float], level: float) -> float:
-    return 100 * _reached(nats, level) / len(nats) if nats else 0.0
-
-
-def of_fault(found: list[Found], fault: Fault) -> list[Found]:
-    """Those whose name ought to be this one."""
-    return [one for one in found if FAULTS[_kind(one)] is fault]
-
-
-def _coverage_picture(healthy: list[Healthy]) -> str:
-    bars = [
-        (f"{one.origin.session}, {one.origin.tissue}, {one.origin.asked}", [100 * share for share in one.closed],
-         "b" if one.origin.tissue == "breathing" else "a")
-        for one in healthy
-    ]  # fmt: skip
-    plot = Plot(
-        (0, 100),
-        (0, max(len(bars), 1)),
-        "% of the session; bar: median, marks: runs; blue: still, orange: breathing",
-        "",
-        _height(bars),
-    )
-    for row, (name, shares, kind) in enumerate(bars):
-        y = len(bars) - row
-        plot.block(0, median(shares), y - 0.9, y - 0.1, kind, name)
-        _marks(plot, shares, y, 0.3)
-        plot.word(0, y - 0.6, name)
-    return alone(plot.svg("share of each session with the contact closed"))
-
-
-def _sensitivity_picture(found: list[Found]) -> str:
-    plot = Plot(
-        (0, 100),
-        (0, max(len(found), 1)),
-        "% of runs with a FAULT; bar: share, marks: 95 % interval",
-        "",
-        _height(found),
-    )
-    for row, one in enumerate(found):
-        y = len(found) - row
-        plot.block(0, 100 * len(one.fault_s) / one.runs, y - 0.9, y - 0.1, "a", one.hazard)
-        _marks(plot, [100 * edge for edge in one.share.interval], y, 0.3)
-        plot.word(0, y - 0.6, f"{one.hazard}, {one.origin.session}")
-    return alone(plot.svg("share of runs in which each hazard was found"))
-
-
-def _delay_picture(found: list[Found]) -> str:
-    seen = [one for one in found if one.fault_s]
-    label = f"delay of the FAULT, s, later than {_MOST_DELAY_S:g} at the edge; bar: median, marks: runs, red: bound"
-    plot = Plot((0, _MOST_DELAY_S), (0, max(len(seen), 1)), label, "", _height(seen))
-    for row, one in enumerate(seen):
-        y = len(seen) - row
-        plot.block(0, median(one.fault_s), y - 0.9, y - 0.1, "a", one.hazard)
-        _marks(plot, one.fault_s, y, 0.02)
-        if one.bound_s is not None:
-            plot.block(one.bound_s, one.bound_s + 0.04, y - 1, y, "bad", f"bound {one.bound_s:.2f} s")
-        plot.word(0, y - 0.6, f"{one.hazard}, {one.origin.session}")
-    return alone(plot.svg("delays of the FAULT and their bounds"))
-
-
-def _marks(plot: Plot, places: Iterable[float], y: float, wide: float) -> None:
-    for x in places:
-        plot.block(x, x + wide, y - 0.75, y - 0.25, "mark", f"{x:.3g}")
-
-
-def _height(rows: Sequence[object]) -> int:
-    return _ROW * len(rows) + _FRAME

@@ -8,8 +8,7 @@ from appliance.limits import Limits
 from appliance.supervision.alarms import HAZARDS
 from appliance.supervision.fault_row import FaultRow
 from appliance.types import Fault
-from tools.development.evidence_figures import Figures, Found
-from tools.development.evidence_pages import of_fault
+from tools.development.evidence_figures import Figures, Found, of_fault
 from tools.development.markdown import table
 from tools.development.slips import slip_page
 from tools.study.summary import Share

@@ -13,8 +13,7 @@ from textwrap import wrap
 from appliance.supervision.alarms import HAZARDS, SIGNALS, Priority
 from appliance.supervision.policy import Policy, Step
 from appliance.types import Fault
-from tools.development.evidence_figures import Figures
-from tools.development.evidence_pages import of_fault
+from tools.development.evidence_figures import Figures, of_fault
 from tools.development.markdown import table
 from tools.study.hazard import FAULTS, Hazard
 
