@@ -31,7 +31,7 @@ class Durations:
 class Ending(Enum):
     """What must happen after a hazard is gone before its last state is left."""
 
-    VERIFIED = "gone for probation; a latched state also waits for an acknowledgement and a new verification"
+    VERIFIED = "gone for probation; if latched, also acknowledged and verified since"
     BACK = "gone for probation"
     ACKNOWLEDGED = "acknowledged"
     AT_ONCE = "gone; new motion verifies again"

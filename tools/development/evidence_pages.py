@@ -10,11 +10,13 @@ from statistics import mean, median, stdev
 from scipy.stats import t as student
 
 from appliance.core.parameters import MEASURED
-from tools.development.evidence_figures import SOON_S, Figures, Found, Healthy, Origin
+from appliance.types import Fault
+from tools.development.evidence_figures import SOON_S, Figures, Found, Healthy, Origin, of_fault
 from tools.development.evidence_pictures import coverage_picture, delay_picture, sensitivity_picture
 from tools.development.evidence_roc import roc_picture, roc_section
 from tools.development.false_alarm_pages import false_alarm_lines
 from tools.development.markdown import shared_aside, table
+from tools.development.slips import slip_page
 from tools.study.bound import FALSE_ALARM_H
 from tools.study.hazard import CREEP_S, FAULTS, HIDDEN_S, ONSET_S, Hazard, Manner
 from tools.study.samples import DEFAULT, WITHOUT_OFFSETS
@@ -22,28 +24,27 @@ from tools.study.session import TISSUES
 from tools.study.summary import Share, false_rate_per_hour
 
 _SENSITIVITY = f"""Sudden and creeping hazards begin at {ONSET_S:g} s, creeping ones grow for {CREEP_S:g} s, unseen
-ones happen while nothing is in sight for {HIDDEN_S:g} s. *Named*: rightly, as the first FAULT. *Delay*: until the
-FAULT, median (range). *Bound*: the least mean delay of any test with one false alarm in {FALSE_ALARM_H:g} h, for this
-motion and noise (Kullback and Leibler, `tools/study/bound.py`); none where the change is seen to happen, or has no
-size. *Open*: median time until the contact was open for good. *OK beyond*: runs with an OK at twice the limit at any
-time after the onset, also before it was found.
+ones happen while nothing is in sight for {HIDDEN_S:g} s. *Delay*: until the FAULT, median (range). *Bound*: the least
+mean delay of any test with one false alarm in {FALSE_ALARM_H:g} h, for this motion and noise (Kullback and Leibler,
+`tools/study/bound.py`); none where the change is seen to happen, or has no size. *Open*: median time until the contact
+was open for good. *OK beyond*: runs with an OK at twice the limit at any time after the onset, also before it was
+found.
 """
 
 DOCS = Path(__file__).parents[2] / "docs"
 DATA = DOCS / "evidence.json"
 _COVERAGE = """# Coverage: how often is healthy scanning verified?
 
-`make coverage-page` measures and writes this page; `make docs` writes it from `docs/evidence.json`. The figure is the
-share of a session of simulated healthy scanning ([study.md](study.md)) with the contact closed.
+The share of a session of simulated healthy scanning ([study.md](study.md)) with the contact closed. `make
+coverage-page` measures it and writes this page.
 
 To repeat a row: `{command}`.
 """
 _EVIDENCE = """# Evidence: what is found, how soon, and how often it alarms for nothing
 
-`make evidence` (short) or `make evidence-full` measures and writes this page; `make docs` writes it from
-`docs/evidence.json`. Everything is simulated ([study.md](study.md#what-it-cannot-tell) says what that cannot tell).
-Intervals are 95 %: of shares those of Clopper and Pearson, of rates Poisson's. **Few runs make wide intervals: read the
-intervals, not the shares.**
+`make evidence` (short) or `make evidence-full` measures this and writes this page. Everything is simulated
+([what that cannot tell](study.md#what-it-cannot-tell)). Intervals are 95 %, of shares by Clopper and Pearson, of rates
+Poisson's. **Few runs make wide intervals: read the intervals, not the shares.**
 
 To repeat a row: `{command}`; `--seeds` and `--draws` as many as its highest.
 """
@@ -180,10 +181,11 @@ def _evidence(figures: Figures) -> str:
         "",
         *(
             line
-            for kind in FAULTS
-            if (some := [one for one in found if one.kind == kind])
-            for line in _kind_table(kind, some, _usual(found))
+            for fault in dict.fromkeys(FAULTS.values())
+            if (some := of_fault(found, fault))
+            for line in _class_table(fault, some, _usual(found))
         ),
+        *slip_page(),
         *_confusion(found),
         *roc_section(figures),
         *_note(),
@@ -198,10 +200,11 @@ def _usually(found: list[Found]) -> list[str]:
     each = _usual(found)
     most = each[Counter(map(_manner, found)).most_common(1)[0][0]]
     others = [f"{manner}: {', '.join(unlike)}" for manner, own in each.items() if (unlike := _unlike(own, most))]
-    shares = {share for one in found for share in (one.share, Share(one.named, one.runs))}
+    shares = {share for one in found for share in (one.share, *(Share(k, one.runs) for k in (one.soon, one.named)))}
     told = (_text(share) for share in sorted(shares, key=lambda share: (share.n, share.k)))
     usual = "; ".join([", ".join(most), *others])
-    return [f"Unless a row says otherwise: {usual}. Intervals: {', '.join(told)}.", ""]
+    named = f"every FAULT came in {SOON_S:g} s and its first name was right"
+    return [f"Unless a row says otherwise: {usual}; {named}. Intervals: {', '.join(told)}.", ""]
 
 
 def _manner(one: Found) -> Manner:
@@ -234,33 +237,30 @@ def _usual(found: list[Found]) -> dict[Manner, tuple[str, ...]]:
     }
 
 
-def _kind_table(kind: str, some: list[Found], usual: dict[Manner, tuple[str, ...]]) -> list[str]:
-    rows = [_found_row(one, usual[_manner(one)]) for one in some]
+def _class_table(fault: Fault, some: list[Found], usual: dict[Manner, tuple[str, ...]]) -> list[str]:
+    order = list(FAULTS)
+    rows = [_found_row(one, usual[_manner(one)]) for one in sorted(some, key=lambda one: order.index(one.kind))]
     shown = len(_FOUND) if any(row[-1] for row in rows) else len(_FOUND) - 1
-    lines = table(_FOUND[:shown], [row[:shown] for row in rows])
-    return [f"### {kind}", "", f"Expected: `{FAULTS[kind]}`.", "", *lines]
+    return [f"### {fault}", "", *table(_FOUND[:shown], [row[:shown] for row in rows])]
 
 
-_FOUND = (
-    *("hazard", "FAULT", f"in {SOON_S:g} s", "named", "delay, s", "bound, s", "delay ÷ bound"),
-    *("open, s", "OK beyond", "otherwise"),
-)
+_FOUND = ("hazard", "FAULT", "delay, s", "bound, s", "open, s", "OK beyond", "otherwise")
 
 
 def _found_row(one: Found, usual: tuple[str, ...]) -> Sequence[str]:
     delay = median(one.fault_s) if one.fault_s else None
     bound = one.bound_s
+    faults = len(one.fault_s)
+    counted = ((one.soon, f"in {SOON_S:g} s"), (one.named, "rightly"))
+    otherwise = [f"{number}/{one.runs} {what}" for number, what in counted if number != faults]
     return (
         f"`{one.hazard}`",
         f"{one.share.k}/{one.runs}",
-        f"{one.soon}/{one.runs}",
-        f"{one.named}/{one.runs}",
         "–" if delay is None else _with_range(delay, one.fault_s),
         "–" if bound is None else f"{bound:.2f}",
-        "–" if bound is None or delay is None or not bound else f"{delay / bound:.1f}",
         f"{median(one.open_s):.2f}" if one.open_s else "–",
         f"{one.gross}/{one.runs}" if Hazard.parse(one.hazard).limited else "–",
-        ", ".join(_unlike(_conditions(one), usual)),
+        ", ".join([*otherwise, *_unlike(_conditions(one), usual)]),
     )
 
 
@@ -279,8 +279,8 @@ def _false_alarms(healthy: list[Healthy]) -> list[str]:
     groups |= {str(tissue): [one for one in healthy if one.origin.tissue == tissue] for tissue in TISSUES}
     groups |= {name: some for name, some in sessions.items() if name not in quiet}
     rows = [_alarm_row(name, some) for name, some in groups.items()]
-    hours = (f"{name} ({sum(one.hours for one in sessions[name]):.2f} h)" for name in quiet)
-    none = [f"Sessions without any: {', '.join(hours)}.", ""] if quiet else []
+    without = "all" if len(quiet) == len(sessions) else ", ".join(quiet)
+    none = [f"Sessions without any: {without}.", ""] if quiet else []
     text = "Runs with a FAULT, and how often the states began."
     return ["## False alarms", "", text, "", *table(head, [row for row in rows if row]), *none]
 
@@ -310,15 +310,13 @@ def _alarm_row(name: str, some: list[Healthy]) -> Sequence[str]:
 
 
 def _confusion(found: list[Found]) -> list[str]:
-    """Classes against what was named first."""
-    told = sorted({name for one in found for name in one.told if name})
+    """How often each class was named first as what it is, and as what else."""
     rows = []
     for fault in dict.fromkeys(FAULTS.values()):
-        some = [one for one in found if FAULTS[one.kind] is fault]
-        counts = [sum(one.told.get(name, 0) for one in some) for name in (*told, "")]
-        if sum(counts):
-            right = Share(sum(one.named for one in some), sum(counts))
-            rows.append((f"`{fault}`", *map(str, counts), str(right)))
-    head = ("", *(f"`{name}`" for name in told), "nothing", "right")
-    text = "Rows: what it is. Columns: the name that came first."
-    return ["## Confusion", "", text, "", *table(head, rows)]
+        some = of_fault(found, fault)
+        named = sum((Counter(one.told) for one in some), Counter[str]())
+        others = [f"{number} {f'`{name}`' if name else 'nothing'}" for name, number in named.items() if name != fault]
+        if named.total():
+            right = Share(sum(one.named for one in some), named.total())
+            rows.append((f"`{fault}`", right.brief, ", ".join(others)))
+    return ["## First names", "", *table(("what it is", "named rightly first", "otherwise"), rows)]

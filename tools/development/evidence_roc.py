@@ -11,10 +11,9 @@ from tools.report.svg import Plot, alone
 from tools.study.hazard import FAULTS
 from tools.study.summary import Share
 
-_ROC = """For each threshold: the share of healthy runs, and of runs with a hazard of each class, in which the log
-likelihood ratio of the sequential test reached it at any time (with a hazard: after its onset). *Area*: how often a run
-with the hazard came higher than a healthy one, ties by half. It is the test's own, without what is seen to happen and
-without the condition that one class alone explains it. Without a ratio, and left out: {left} of {all} runs.
+_ROC = """Share of runs in which the log likelihood ratio of the sequential test reached a threshold at any time (with a
+hazard: after its onset). *Area*: how often a run with the hazard came higher than a healthy one, ties by half. Left out
+is what is seen to happen, the condition that one class alone explains it, and {left} of {all} runs, without a ratio.
 """
 
 
@@ -29,10 +28,10 @@ def roc_section(figures: Figures) -> list[str]:
     if not quiet or not classes:
         return [*lines, "Not measured.", ""]
     rows = [
-        (f"`{fault}`", str(Share(_reached(nats, WITHDRAWN_NATS), len(nats))), str(_named(nats)), _area(nats, quiet))
+        (f"`{fault}`", Share(_reached(nats, WITHDRAWN_NATS), len(nats)).brief, _named(nats).brief, _area(nats, quiet))
         for fault, nats in classes.items()
     ]
-    rows += [("healthy", str(Share(_reached(quiet, WITHDRAWN_NATS), len(quiet))), str(_named(quiet)), "–")]
+    rows += [("healthy", Share(_reached(quiet, WITHDRAWN_NATS), len(quiet)).brief, _named(quiet).brief, "–")]
     head = ("", f"reached {WITHDRAWN_NATS:g} nats", f"reached {NAMED_NATS:.1f} nats", "area")
     picture = "![share of runs with a hazard over the share of healthy runs](pictures/roc.svg)"
     return [*lines, picture, "", *table(head, rows)]

@@ -26,11 +26,11 @@ _COUNTED = {
 """Figure → head of its column."""
 
 _TEXT = """`make false-alarms SEEDS={seeds}` plays every session of [study.md](study.md) after a gesture without
-pictures: the path, with the errors of a registration, goes straight into what judges it. What pictures alone show
-(leaps, freezes, other tissue) is not in it. Three noises of the tracker of one size (0.1 mm, 0.02°): `gaussian`; `t5`,
-Student's t with five degrees of freedom; `ar1`, alike from reading to reading (0.9 at 60 Hz). *Sign*: something speaks
-against the calibration, and the contact is open until motion answers it. Rates per hour have Poisson's intervals; where
-none came the rate is under {none:.1f} ÷ hours. Seeds 1 to {seeds}, commit {commits}.
+pictures: the path, with the errors of a registration, goes straight into what judges it; leaps, freezes and other
+tissue are not in it. Three noises of the tracker of one size (0.1 mm, 0.02°): `gaussian`; `t5`, Student's t with five
+degrees of freedom; `ar1`, alike from reading to reading (0.9 at 60 Hz). *Sign*: something speaks against the
+calibration, and the contact is open until motion answers it. None: a rate under {none:.1f} ÷ hours. Seeds 1 to
+{seeds}, commit {commits}.
 """
 
 

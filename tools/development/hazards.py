@@ -15,7 +15,6 @@ from appliance.supervision.policy import Policy, Step
 from appliance.types import Fault
 from tools.development.evidence_figures import Figures, of_fault
 from tools.development.markdown import table
-from tools.study.hazard import FAULTS, Hazard
 
 ROOT = Path(__file__).parents[2]
 PAGE, ANOMALIES = ROOT / "docs" / "hazards.md", ROOT / "docs" / "known-anomalies.md"
@@ -25,21 +24,19 @@ _GENERAL = ("tests/tools", "tests/support", "tests/rules", "tests/data")
 
 _HEAD = """# Hazards
 
-What each hazard may do, what controls it, what remains, and the tests. Texts and remedies are in
-[alarms.md](alarms.md#hazards), the intended use in [intended-use.md](intended-use.md). `make docs` writes this page
-from code and tests.
+What controls each hazard, what remains, and the tests. Texts and remedies: [alarms.md](alarms.md#hazards); use:
+[intended-use.md](intended-use.md). `make docs` writes this page from code and tests.
 
 - **severity**: highest priority of alarm that it leads to. Severity and probability of harm depend on what the contact
   drives: this is not the risk analysis of a medical device.
-- **control**: states that it leads to ([times](alarms.md#policy)), and the code that finds it. A notice leaves the
-  contact as it is.
-- **residual**: simulated runs of the last study that named no FAULT (– where it is not simulated), and how many [known
-  anomalies](known-anomalies.md) name it. {unnamed} of the {rows} there name no hazard and may touch any of them: read
-  them all.
-- **evidence**: figures of each kind that was simulated, and the files of tests that name it.
+- **control**: states that it leads to ([when](alarms.md#policy)), which open the contact, and the code that finds it. A
+  notice leaves the contact as it is.
+- **residual**: simulated runs without a FAULT in the last study (– where it is not simulated); [known
+  anomalies](known-anomalies.md) that name it. {unnamed} of the {rows} there name no hazard and may touch any: read all.
+- **evidence**: figures of what was simulated; files of tests that name it.
 
-`tests/invariant/` drives all of them with random disturbances against one invariant: *closed ⇒ everything required was
-shown by motion recent enough, and nothing contradicts it*. `tests/live/test_failures.py` tries the loss of each part.
+`tests/invariant/` drives all with random disturbances against one invariant: *closed ⇒ everything required was shown by
+motion recent enough, and nothing contradicts it*. `tests/live/test_failures.py` tries the loss of each part.
 """
 _PRIORITIES = (Priority.HIGH, Priority.MEDIUM, Priority.LOW, Priority.NONE)
 
@@ -64,9 +61,9 @@ def _row(hazard: Fault, figures: Figures) -> tuple[str, ...]:
     return (
         f"`{hazard}`: {HAZARDS[hazard].text}",
         _severity(row),
-        f"{f'contact opens: {reached}' if row.steps else 'notice'}. Found by {finders}",
+        f"{reached or 'notice'}; by {finders}",
         f"{_missed(hazard, figures)}; {_anomalies(hazard)}",
-        f"{_figures(hazard, figures)}[{number} {'file' if number == 1 else 'files'} of tests](#{hazard})",
+        f"{_figures(hazard, figures)}[tests: {number}](#{hazard})",
     )
 
 
@@ -83,7 +80,7 @@ def _severity(row: Policy) -> str:
 def _missed(hazard: Fault, figures: Figures) -> str:
     found = of_fault(figures.found, hazard)
     runs = sum(one.runs for one in found)
-    return f"{sum(one.runs - len(one.fault_s) for one in found)} of {runs} runs" if runs else "–"
+    return f"{sum(one.runs - len(one.fault_s) for one in found)}/{runs}" if runs else "–"
 
 
 def _known() -> list[str]:
@@ -91,9 +88,8 @@ def _known() -> list[str]:
     return [line for line in ANOMALIES.read_text(encoding="utf-8").splitlines() if line.startswith("| ")][1:]
 
 
-def _anomalies(hazard: Fault) -> str:
-    number = sum(f"`{hazard}`" in row for row in _known())
-    return f"{number or 'no'} {'anomaly' if number == 1 else 'anomalies'}"
+def _anomalies(hazard: Fault) -> int:
+    return sum(f"`{hazard}`" in row for row in _known())
 
 
 @cache
@@ -130,9 +126,8 @@ def step_text(step: Step) -> str:
 
 
 def _figures(hazard: Fault, figures: Figures) -> str:
-    """Sections of the evidence on its kinds that were measured."""
-    kinds = dict.fromkeys(Hazard.parse(one.hazard).kind for one in figures.found)
-    return "".join(f"[{kind}](evidence.md#{kind}), " for kind in kinds if FAULTS[kind] is hazard)
+    """The section of the evidence on it, where it was measured."""
+    return f"[figures](evidence.md#{hazard}), " if of_fault(figures.found, hazard) else ""
 
 
 def _counted(file: str, finders: dict[Fault, list[str]]) -> int:

@@ -1,5 +1,5 @@
-"""`python -m tools.development.manual`: writes docs/alarms.md from the supervisor's tables and the figures of the last
-study, docs/hazards.md from code and tests, docs/coverage.md and docs/evidence.md from docs/evidence.json,
+"""`python -m tools.development.manual`: writes docs/alarms.md from the supervisor's tables, docs/hazards.md from code
+and tests, docs/coverage.md and docs/evidence.md from docs/evidence.json,
 docs/profiles.md from docs/profiles.json, the drawings of the gestures in docs/pictures, and what the drivers say of
 themselves: tables of docs/trackers.md and docs/devices.md, and the unit's DeviceAllow.
 """
@@ -12,21 +12,22 @@ from pathlib import Path
 
 from statemachine.transition import Transition
 
+from appliance.configuration.config import SupervisorTimes
+from appliance.core.parameters import QUANTITIES
 from appliance.core.quality.gesture import Gesture
 from appliance.core.times import PRESENT_NS
 from appliance.limits import NAMED_NATS, WITHDRAWN_NATS, Limits
 from appliance.supervision.alarms import EARLIER, HAZARDS, PARTLY_EARLIER, SIGNALS, Signal
 from appliance.supervision.annunciator import BURSTS, LAMP_TEST_NS
 from appliance.supervision.audio import LONGEST_PAUSE_NS, REMINDER_NS
+from appliance.supervision.fault_row import FaultRow
 from appliance.supervision.ledger import Ledger
-from appliance.supervision.policy import Durations, Policy
+from appliance.supervision.policy import Durations
 from appliance.supervision.supervisor import AlarmTable
 from appliance.types import Fault, State
 from tools.development import profiles as profile_page
 from tools.development.driver_pages import written as driver_pages
-from tools.development.evidence_figures import Figures
 from tools.development.evidence_pages import pages, read_figures
-from tools.development.hazard_pages import limit, measured, remedies
 from tools.development.hazards import PAGE, hazards, step_text, steps
 from tools.development.markdown import table
 from tools.development.reset_pages import written as reset_pages
@@ -41,14 +42,14 @@ _OWN = {
 
 _HEAD = """# States and alarms
 
-The contact is closed in one state only, *monitoring*. Any other state, a crash, a cut cable and loss of power open it.
+The contact is closed in one state only, *monitoring*; any other state, a crash, a cut cable and loss of power open it.
 Connect alarm lamps and the sounder to the normally closed contact of their relay, the green lamp to the normally open
 one: energised is safe, and a cart without power shows red, yellow and cyan and sounds.
 
 *Halt* and *recalibration requested* latch, also across a restart and a power cut. They end when a person has
 acknowledged **and** motion has verified the calibration since, in either order, or with a confirmed recalibration. They
-keep the name of the first fault until another one has been shown instead for the time that a halt takes, or after an
-OK. The new name sounds again, unless it was acknowledged with the first.
+keep the name of the first fault until another one has been shown instead for as long as a halt takes, or after an OK.
+The new name sounds again, unless it was acknowledged with the first.
 
 `make docs` writes this page from the code.
 """
@@ -62,21 +63,21 @@ Once motion has measured a FAULT of rotation, offset, scale or latency, `probewa
 | proposed | what to do |
 | --- | --- |
 | latency | set `latency_ms` in the tracker's URL, restart the service |
-| rotation, offset in the picture's plane | `probewatch calibration recover` writes the recovered calibration; \
-`probewatch calibration use` takes it once a person has accepted the difference; then verify it by motion |
+| rotation, offset in the picture's plane | `probewatch calibration recover` writes the recovered calibration, \
+`probewatch calibration use` takes it once a person accepts the difference; then verify it by motion |
 | scale, offset across the picture (ζ), and what stands beside one of them | set the scanner's depth and zoom as \
 calibrated; else `probewatch recalibrate` |
 
-Where two classes are equally likely none is named. The status, the log (`undecided`) and the report name both, how far
-the likelier one leads, and the motion that distinguishes them; the contact is open. The class that motion then names
-replaces `undecided`, also while it is latched."""
+Of two classes equally likely none is named. The status, the log (`undecided`) and the report name both, how far the
+likelier one leads, and the motion that distinguishes them. The class that motion then names replaces `undecided`, also
+while it is latched."""
 
 
-def manual(figures: Figures) -> str:
-    """The whole page, Markdown. figures: what was last measured."""
+def manual() -> str:
+    """Returns the whole page, Markdown."""
     tables = (
         *(_hazards(), _signals(), _audio(), _policy(), _certainty(), _durations()),
-        *(measured(figures), _diagram(), _transitions(), _guards()),
+        *(_transitions(), _guards()),
     )
     return "\n".join((_HEAD, *(line for table in tables for line in table))).rstrip("\n") + "\n"
 
@@ -109,22 +110,17 @@ def _target(transition: Transition) -> State:
     return state
 
 
-def _diagram() -> list[str]:
-    """What the tick does; requests are in the table."""
-    edges = [(a, _target(t)) for a, t in _rows() if t.event == "tick" and a is not _target(t)]
-    lines = [f"    {a.name} --> {b.name}" for a, b in dict.fromkeys(edges)]
-    names = [f"    {state.name} : {state.value}" for state in State]
-    return ["## Diagram", "", "```mermaid", "stateDiagram-v2", "    [*] --> SELF_TEST", *names, *lines, "```", ""]
-
-
 def _transitions() -> list[str]:
-    """One row for each state and event: its guards in the order in which they are tried."""
-    rows: dict[tuple[str, str], list[str]] = {}
+    """One row for each event and its guards in the order in which they are tried, with all states that share them."""
+    steps: dict[tuple[str, str], list[str]] = {}
     for state, transition in _rows():
         told = f"{_guard(transition) or 'always'} → **{_target(transition).value}**"
-        rows.setdefault((state.value, transition.event), []).append(told)
+        steps.setdefault((state.value, transition.event), []).append(told)
+    rows: dict[tuple[str, str], list[str]] = {}
+    for (name, event), each in steps.items():
+        rows.setdefault((event, "; ".join(each)), []).append(name)
     text = "Tried from left to right, twenty times a second and at every request; the first that holds is taken."
-    lines = ((*key, "; ".join(steps)) for key, steps in rows.items())
+    lines = ((", ".join(states), *key) for key, states in rows.items())
     return ["## Transitions", "", text, "", *table(("state", "event", "when → next"), lines)]
 
 
@@ -141,8 +137,7 @@ def _said(guard: object) -> str:
 
 def _policy() -> list[str]:
     text = (
-        "What a hazard leads to while it is shown, with the tone of that [state](#signals). *Of* names the checks\n"
-        "whose time counts, where not all of them do."
+        "The tone is that of the [state](#signals). *Of* names the checks whose time counts, where not all of them do."
     )
     rows: dict[tuple[str, ...], list[Fault]] = {}
     for fault, row in HAZARDS.items():
@@ -150,7 +145,7 @@ def _policy() -> list[str]:
         told = f"{steps(policy)}{', silent' if policy.silent else ''}"
         scan = step_text(policy.scan) if policy.scan else "it goes on"
         rows.setdefault((told, scan, policy.ending.value), []).append(fault)
-    head = ("hazard", "leads to", "during a recalibration scan", "ends when")
+    head = ("hazard", "leads to while it is shown", "during a recalibration scan", "ends when")
     named = ((", ".join(f"`{fault}`" for fault in faults), *cells) for cells, faults in rows.items())
     return ["## Policy", "", text, "", *table(head, named), *_PROPOSALS.splitlines(), ""]
 
@@ -212,20 +207,22 @@ def _period(number: int) -> str:
 
 def _hazards() -> list[str]:
     """What the operator reads, what it means, and what to do."""
-    text = (
-        "What the alarm says and what to do. *At worst* is the last state that it leads to ([policy](#policy)).\n"
-        "[Hazards](hazards.md) lists what finds each, and the tests."
-    )
-    head = ("text", "what to do", "at worst", "class", "limit (default)")
-    rows = (
-        (f"**{row.text}**", remedies(row), _worst(row.policy), f"`{name}`", limit(name))
-        for name, row in HAZARDS.items()
-    )
+    text = "What leads to which state: [policy](#policy). What finds each, and the tests: [hazards](hazards.md)."
+    head = ("text", "what to do", "class", "limit (default)")
+    rows = ((f"**{row.text}**", _remedies(row), f"`{name}`", _limit(name)) for name, row in HAZARDS.items())
     return ["## Hazards", "", text, "", *table(head, rows)]
 
 
-def _worst(row: Policy) -> str:
-    return row.steps[-1].state.value if row.steps else "notice"
+def _remedies(row: FaultRow) -> str:
+    """What the operator does, also once a recalibration is requested."""
+    return f"{row.remedy}; once a recalibration is requested: {row.requested}" if row.requested else row.remedy
+
+
+def _limit(fault: Fault) -> str:
+    """Keys of the configuration with their defaults."""
+    defaults = {**Limits().model_dump(), **SupervisorTimes().model_dump()}
+    measured = [QUANTITIES[fault].limit_key] if fault in QUANTITIES else []
+    return ", ".join(f"`{name}` {defaults[name]:.4g}" for name in (*measured, *HAZARDS[fault].limits)) or "–"
 
 
 def _audio() -> list[str]:
@@ -252,7 +249,7 @@ def _audio() -> list[str]:
 if __name__ == "__main__":
     MEASURED = read_figures()
     for path, text in {
-        MANUAL: manual(MEASURED),
+        MANUAL: manual(),
         PAGE: hazards(MEASURED),
         **pages(MEASURED),
         **profiles(),

@@ -1,5 +1,6 @@
 """What the pages of docs/ are made of."""
 
+from collections import Counter
 from collections.abc import Iterable, Sequence
 
 
@@ -9,13 +10,15 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
 
 
 def shared_aside(head: Sequence[str], rows: Iterable[Sequence[str]], names: Sequence[str]) -> list[str]:
-    """The same table, without those columns of these names that say the same in every one of its rows, if it has two
-    or more; a sentence before it says that instead.
+    """The same table, with what most of its rows have in the columns of these names said in a sentence before it. A
+    cell with anything else stays; a column without any is left out.
     """
     lines = [tuple(row) for row in rows]
-    alike = {
-        at for at, name in enumerate(head) if name in names and len(lines) > 1 and len({row[at] for row in lines}) == 1
-    }
-    told = "; ".join(f"{head[at]}: {lines[0][at]}" for at in sorted(alike))
-    left = [[cell for at, cell in enumerate(row) if at not in alike] for row in (head, *lines)]
-    return [*([f"In all rows {told}.", ""] if told else ()), *table(left[0], left[1:])]
+    usual: dict[int, str] = {}
+    for at in (at for at, name in enumerate(head) if name in names):
+        cell, count = Counter(row[at] for row in lines).most_common(1)[0] if lines else ("", 0)
+        usual |= {at: cell} if count > 1 and 2 * count >= len(lines) else {}
+    told = "; ".join(f"{head[at]}: {cell}" for at, cell in usual.items())
+    shown = [at for at in range(len(head)) if at not in usual or any(row[at] != usual[at] for row in lines)]
+    left = [["" if row[at] == usual.get(at) else row[at] for at in shown] for row in lines]
+    return [*([f"Unless a row says otherwise, {told}.", ""] if told else ()), *table([head[at] for at in shown], left)]

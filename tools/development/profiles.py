@@ -105,7 +105,7 @@ def _healthy(data: Sequence[Figure]) -> list[str]:
 def _healthy_cell(one: Figure) -> str:
     closed_s = [s for s in one["closed_s"] if s is not None]
     percent = [100 * share for share in one["closed"]]
-    told = str(Share(len(closed_s), len(percent)))
+    told = Share(len(closed_s), len(percent)).brief
     return f"{told}; {_spread(closed_s, 1)} s; {_spread(percent, 0)} %" if closed_s else told
 
 
@@ -136,7 +136,7 @@ def _sick_cells(one: Figure) -> Sequence[str]:
     named = [s for s in one["named_s"] if s is not None and s <= _NAMED_S]
     passed = sum(ok > 0 or closed > 0 for ok, closed in zip(one["ok_s"], one["closed"], strict=True))
     n = len(one["seeds"])
-    return one["hazard"], f"`{one['profile']}`", str(Share(len(named), n)), _spread(named, 1), str(Share(passed, n))
+    return one["hazard"], f"`{one['profile']}`", Share(len(named), n).brief, _spread(named, 1), Share(passed, n).brief
 
 
 def _rests(data: Sequence[Figure]) -> list[str]:
@@ -164,12 +164,12 @@ def _rest_cells(data: Sequence[Figure], place: tuple[str, str, str]) -> Sequence
 
 
 def _spread(values: Iterable[float], digits: int) -> str:
-    """Median, and least and most of them."""
+    """Median, and least and most of them where they differ."""
     known = [value for value in values if isfinite(value)]
     if not known:
         return "–"
-    least, most = min(known), max(known)
-    return f"{median(known):.{digits}f} ({least:.{digits}f} … {most:.{digits}f})"
+    least, most = f"{min(known):.{digits}f}", f"{max(known):.{digits}f}"
+    return least if least == most else f"{median(known):.{digits}f} ({least}–{most})"
 
 
 def _text(value: float | None) -> str:
@@ -196,14 +196,12 @@ def main(path: Path) -> None:
 
 _HEAD = """# Profiles: how far off the calibration may be
 
-For clinical engineers. `[limits] profile` sets five limits at once; a limit that the file gives replaces
-the profile's, and `probewatch check` says so. `probewatch configure` asks for the profile; `probewatch
-status`, the page and the replay report name it with the limits that differ. A tighter profile lets less
-error pass and keeps the contact open for longer. `probewatch reload` takes another one; motion must then
-show everything again."""
-_REACH = """Limits are of a change **against the reference**. Errors of the reference itself
-([crosswire.md](crosswire.md)), and errors of the tracker that are alike everywhere
-([trackers.md](trackers.md)), come on top.
+For clinical engineers. `[limits] profile` sets five limits at once; a limit that the file gives replaces the profile's.
+`probewatch check`, `probewatch status`, the page and the replay report name the profile and the limits that differ. A
+tighter profile lets less error pass and keeps the contact open for longer. After a change by `probewatch reload` motion
+must show everything again."""
+_REACH = """Limits are of a change **against the reference**. Errors of the reference ([crosswire.md](crosswire.md))
+and errors of the tracker that are alike everywhere ([trackers.md](trackers.md)) come on top.
 
 | tracker | profile |
 |---|---|
@@ -215,15 +213,13 @@ _REACH = """Limits are of a change **against the reference**. Errors of the refe
 _FOUND = """Motion names only what is beyond its limit by three standard deviations, at least {turn:g}° and
 {shift:g} mm: from {least} on.
 What lies between that and the limit keeps the contact open. A slip in view is seen by its leap, from the limit on
-([alarms.md](alarms.md#slips-of-the-marker-body-in-view)). Gesture on rigid tissue, tracker of 0.1 mm, by the end of
+([evidence.md](evidence.md#slips-of-the-marker-body-in-view)). Gesture on rigid tissue, tracker of 0.1 mm, by the end of
 the session."""
 _WHY = """An OK needs three standard deviations of room, and each includes what the model of the motion leaves out:
-0.5 mm of an offset ([method.md](method.md), section 10), so 1.5 mm of the 1.5 mm of `fine`. `probewatch
-check` says so, also of other limits as small. A looser `offset_mm` rarely helps: turns, too, are off by
-about as much as 1° leaves. Less must not be added: healthy sessions were really off by this."""
-_CELLS = (
-    "Runs in which the contact closed (95 %); when it first did; for how much of the session. Median (least … most)."
-)
+0.5 mm of an offset ([method.md](method.md), section 10), so 1.5 mm of the 1.5 mm of `fine`. `probewatch check` warns of
+limits as small. A looser `offset_mm` rarely helps: turns, too, are off by about as much as 1° leaves. Less must not be
+added: healthy sessions were really off by this."""
+_CELLS = "Runs in which the contact closed (95 %); when it first did; share of the session. Medians (least–most)."
 _COMMAND = """Written by `python -m tools.development.profiles --table study.csv` from rows of `probewatch study`:
 
 ```

@@ -1,5 +1,5 @@
 """`python -m tools.development.slips`: how often slips of the marker body are seen, by session and duration, and how
-often one is seen that is none. Writes docs/slips.json, which docs/alarms.md shows.
+often one is seen that is none. Writes docs/slips.json, which docs/evidence.md shows.
 
 The pictures of a session are registered once, without a slip, and that is kept in results/slips. The poses of the
 tracker, with new noise and a slip at a random time, are played against it. A slip changes no picture, only when the
@@ -254,13 +254,12 @@ def slip_page() -> list[str]:
     return [*head, "", *table(_COLUMNS, _rows(seen)), _quietly(without), ""]
 
 
-_HEAD = """### Slips of the marker body in view
+_HEAD = """## Slips of the marker body in view
 
-The slip watches alone: slips about or along each axis, either sign, at random times of one minute of each session
-({sessions}; seed 1, 0.1 mm, 60 poses a second). *Named*: the right FAULT within
+The slip watches alone (`python -m tools.development.slips`): slips about or along each axis, either sign, at random
+times of one minute of each session ({sessions}; seed 1, 0.1 mm, 60 poses a second). *Named*: the right FAULT within
 {soon:g} s after the slip was complete. *Withdrawn*: nothing is named, but everything must be shown again. Slower slips
-are not named, since moving tissue looks the same; slips out of the plane are not seen. `python -m
-tools.development.slips` measures again."""
+are not named, since moving tissue looks the same; slips out of the plane are not seen."""
 _COLUMNS = ("slip, tissue", *("one reading" if one == 0 else f"over {one:g} s" for one in LASTING_S))
 
 
@@ -278,8 +277,8 @@ def _cell(same: list[Seen]) -> str:
     misnamed, doubted = sum(one.misnamed for one in same), sum(one.doubted for one in same)
     if not tried:
         return "–"
-    told = [f"{Share(named, tried)} named"] if named else []
-    told += [f"{k} of {tried} {what}" for k, what in ((misnamed, "named otherwise"), (doubted, "withdrawn")) if k]
+    told = [f"{Share(named, tried).brief} named"] if named else []
+    told += [f"{k}/{tried} {what}" for k, what in ((misnamed, "named otherwise"), (doubted, "withdrawn")) if k]
     return "; ".join(told) or f"nothing of {tried}"
 
 

@@ -48,6 +48,14 @@ class Share:
         low, high = self.interval
         return f"{self.k} of {self.n} ({100 * low:.0f} to {100 * high:.0f} %)"
 
+    @property
+    def brief(self) -> str:
+        """The same for a cell of a table."""
+        if not self.n:
+            return "–"
+        low, high = self.interval
+        return f"{self.k}/{self.n} ({100 * low:.0f}–{100 * high:.0f} %)"
+
 
 @dataclass(frozen=True)
 class Coverage:

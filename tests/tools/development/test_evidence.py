@@ -57,11 +57,12 @@ def test_figures_outlive_json() -> None:
 def test_pages_show_shares_with_intervals_bounds_confusion_and_origin() -> None:
     written = {path.name: text for path, text in pages(measured()).items()}
     text = written["evidence.md"]
-    assert "| `depth=7@start` | 3/4 | 2/4 | 2/4 | 4.00 (2.00–20.00) | " in text
+    assert "| `depth=7@start` | 3/4 | 4.00 (2.00–20.00) | " in text
+    assert re.search(r"`depth=7@start` .* \| 2/4 in 10 s, 2/4 rightly \|\n", text)
     assert "Unless a row says otherwise: in-plane, still, 6 s, 0.1 mm, " in text
     assert "2/4 7–93 %, 3/4 19–99 %" in text
     assert "| all | 0.07 | 4 | 1 | 71 | 2 | 1 | 71 |" in text, "Poisson: 4.74 ÷ hours"
-    assert "| `scale` | 1 | 0 | 2 | 1 | 2 of 4 (7 to 93 %) |" in text
+    assert "| `scale` | 2/4 (7–93 %) | 1 nothing, 1 `offset` |" in text
     assert "`c1`" in text
     assert "| fan, still | 50 | 20–90 | 52 (5–100) |" in written["coverage.md"]
     for name in ("coverage.svg", "sensitivity.svg", "delay.svg", "roc.svg"):
@@ -74,14 +75,14 @@ def test_a_row_says_what_is_unusual_and_quiet_sessions_share_a_sentence() -> Non
     other += [row(seed=seed, hazard="flip-lateral@unseen") | {"commit": "c1"} for seed in range(1, 5)]
     quiet = row("hold") | {"commit": "c1"}
     text = next(text for path, text in pages(figures([*ROWS, *other, quiet])).items() if path.name == "evidence.md")
-    assert re.search(r"\| `depth=7@start` \|.*\|  \|\n", text)
+    assert re.search(r"\| `flip-lateral@unseen` \|[^`\n]*\n", text)
     assert re.search(r"\| `depth=7@unseen` \|.*\| `c3` \|\n", text)
     usual = (
-        "Unless a row says otherwise: in-plane, still, 60 s, 0.1 mm, seeds 1–4, `c1`; start: 6 s; sudden: 6 s, seeds 1."
+        "Unless a row says otherwise: in-plane, still, 60 s, 0.1 mm, seeds 1–4, `c1`; start: 6 s; sudden: 6 s, seeds 1;"
     )
     assert usual in text
     assert "| fan | 0.07 | 4 | 1 |" in text
-    assert "Sessions without any: hold (0.02 h)." in text
+    assert "Sessions without any: hold." in text
 
 
 def with_nats(row: dict[str, str], nats: str) -> dict[str, str]:
@@ -98,13 +99,13 @@ def test_the_roc_is_of_runs_that_kept_the_ratio_and_says_how_many_did_not() -> N
     assert (now.healthy[0].nats, now.found[0].nats) == ([0, 0, 7, 12], [0, 7, 19, 25])
     text = next(text for path, text in pages(now).items() if path.name == "evidence.md")
     # By hand: 16 pairs; 25 and 19 beat all four, 7 beats two and ties one, 0 ties two.
-    assert "| `scale` | 2 of 4 (7 to 93 %) | 2 of 4 (7 to 93 %) | 0.719 |" in text
-    assert "| healthy | 1 of 4 (1 to 81 %) | 0 of 4 (0 to 60 %) | – |" in text
-    assert "left out: 0 of 8 runs" in text
+    assert "| `scale` | 2/4 (7–93 %) | 2/4 (7–93 %) | 0.719 |" in text
+    assert "| healthy | 1/4 (1–81 %) | 0/4 (0–60 %) | – |" in text
+    assert " 0 of 8 runs, without a ratio" in text
     before = [{name: cell for name, cell in row.items() if name != "nats"} for row in kept]
     old = figures(before)
     text = next(text for path, text in pages(old).items() if path.name == "evidence.md")
-    assert "left out: 8 of 8 runs" in text
+    assert " 8 of 8 runs, without a ratio" in text
     assert "Not measured." in text
     assert Figures.parse(old.plain()) == old
 

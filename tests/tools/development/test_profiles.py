@@ -28,11 +28,11 @@ def test_each_line_is_of_one_profile_and_a_fault_that_is_named_late_is_not_named
     lines = [line for line in text.splitlines() if line.startswith(("| in-plane", "| bend", "- `"))]
     assert "| session | tissue | tracker | `coarse` | `fine` |" in text
     assert [line.split(" | ")[3:] for line in lines if " s | " in line] == [
-        ["3 of 3 (29 to 100 %); 3.0 (3.0 … 3.0) s; 70 (50 … 90) %", "0 of 2 (0 to 84 %) |"],
+        ["3/3 (29–100 %); 3.0 s; 70 (50–90) %", "0/2 (0–84 %) |"],
     ]
     assert "- `coarse`: 0 FAULTs in 3.0 min without a fault (under 60 an hour, 95 %)." in lines
     assert "- `fine`: 0 FAULTs in 2.0 min without a fault (under 90 an hour, 95 %)." in lines
-    assert "| bend-axial=1.5@start | `coarse` | 1 of 3 (1 to 91 %) | 9.0 (9.0 … 9.0) | 0 of 3 (0 to 71 %) |" in lines
+    assert "| bend-axial=1.5@start | `coarse` | 1/3 (1–91 %) | 9.0 | 0/3 (0–71 %) |" in lines
     assert "1.75° and 3 mm for `fine`" in text
     assert "| RMS error, of the worst axis | rotation, deg | scale, % | offset, mm | latency, ms |" in text
 
@@ -45,7 +45,7 @@ def test_the_worst_axis_of_each_class_is_told() -> None:
 
 def test_a_fault_under_which_the_contact_was_closed_is_counted() -> None:
     passed = row(hazard="bend-axial=1.5@start", closed=0.1, ok=0.0) | ORIGIN
-    assert "| 1 of 1 (3 to 100 %) |" in page(figures([passed]))
+    assert "| 1/1 (3–100 %) |" in page(figures([passed]))
 
 
 def test_the_table_of_something_else_is_refused(tmp_path: Path) -> None:

@@ -25,7 +25,7 @@ def test_sessions_are_counted_together(tmp_path: Path, monkeypatch: pytest.Monke
     assert "(hold, gesture; seed 1" in page
     (row,) = [line for line in page.splitlines() if line.startswith("| bend")]
     named, half, five = row.removesuffix(" |").split(" | ")[1:]
-    assert named == "117 of 120 (93 to 99 %) named; 2 of 120 named otherwise"
-    assert half == "1 of 18 named otherwise; 6 of 18 withdrawn"
+    assert named == "117/120 (93–99 %) named; 2/120 named otherwise"
+    assert half == "1/18 named otherwise; 6/18 withdrawn"
     assert five == "–"
     assert "2 FAULTs and 4 withdrawals in 0.50 h" in page
