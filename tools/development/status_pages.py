@@ -25,18 +25,18 @@ def _told(field: Field) -> str:
 
 def _metrics() -> str:
     rows = [row for field in STATUS for row in (*_metric(field, ""), *_metrics_of_parts(field))]
-    return "\n".join(table(("metric", "field", "meaning"), rows))
+    return "\n".join(table(("metric", "field"), rows))
 
 
-def _metrics_of_parts(field: Field) -> Iterator[tuple[str, str, str]]:
+def _metrics_of_parts(field: Field) -> Iterator[tuple[str, str]]:
     return (row for part in field.parts for row in _metric(part, f"{field.name}."))
 
 
-def _metric(field: Field, inside: str) -> Iterator[tuple[str, str, str]]:
+def _metric(field: Field, inside: str) -> Iterator[tuple[str, str]]:
     """inside: of which object it is a part, with a full stop."""
     if (metric := field.metric) is not None:
         name = f"probewatch_{metric.name}{'_total' if metric.kind is Kind.COUNTER else ''}"
-        yield f"`{name}`", f"`{inside}{field.name}`", f"{metric.help[0].lower()}{metric.help[1:]}"
+        yield f"`{name}`", f"`{inside}{field.name}`"
 
 
 def _mqtt() -> str:

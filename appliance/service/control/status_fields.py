@@ -20,7 +20,7 @@ class Kind(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Metric:
-    """A metric made of one field. name: without probewatch_ and _total. help: for Prometheus and docs/monitoring.md."""
+    """A metric made of one field. name: without probewatch_ and _total. help: for Prometheus."""
 
     name: str
     kind: Kind
@@ -56,13 +56,12 @@ class Field:
 
 
 STATUS = (
-    Field("t_ns", "number", "CLOCK_MONOTONIC of the tick that all of this describes, ns"),
+    Field("t_ns", "number", "CLOCK_MONOTONIC of the tick that this describes, ns"),
     Field("state", "string", "as in [alarms.md](alarms.md)", mqtt=True),
     Field(
         "text",
         "string",
-        "what is wrong, for the operator, in the configured language; while monitoring, whether it rests on "
-        "earlier motion",
+        "what is wrong, for the operator; while monitoring, whether that rests on earlier motion",
         mqtt=True,
     ),
     Field("remedy", "string", "what to do", mqtt=True),
@@ -133,19 +132,19 @@ STATUS = (
         "reference_due_utc",
         "string or null",
         "when the reference is to be checked again: `[calibration] due_days` after it came in force, or the "
-        "day that its file states, whichever is first; null: nobody asked for that",
+        "day that its file states, whichever is first",
         mqtt=True,
     ),
     Field("reference_expires_utc", "string or null", "when it expires by its file"),
     Field(
         "reference_overdue",
         "string or null",
-        "which of these dates has passed, or why that is not known; null: none has",
+        "which of these has passed, or why that is not known",
     ),
     Field(
         "reference_waits",
         "string or null",
-        "why there is no reference yet, or why it cannot be verified, such as a full disk",
+        "why there is no reference, or none that can be verified, such as a full disk",
         metric=Metric("reference_waits", Kind.GIVEN, "1: there is no reference that may be verified"),
         line=Line("! reference: {}"),
     ),
@@ -166,19 +165,19 @@ STATUS = (
     Field(
         "missing",
         "strings",
-        "parameters that the contact needs and that motion has not shown since the last disturbance, or too long ago",
+        "parameters that the contact needs and that motion has not shown, or too long ago",
     ),
     Field(
         "gesture",
         "strings",
-        "the shortest motion that shows them, or distinguishes `rivals`, in the configured language",
+        "the shortest motion that shows them, or distinguishes `rivals`",
     ),
     Field(
         "checks",
         "list",
         "`name`, `fault`, `value`, `sigma`, `unit`, `limit`, `ratio` (1 is the limit), `verdict` (of a "
-        "window of up to 30 s), `shown_age_s` (age of the motion that showed it; null: none), `max_age_s` "
-        "(how old that may be, `[limits.required_age_s]` plus the rest of the probe; null: not required), "
+        "window of up to 30 s), `shown_age_s` (of the motion that showed it), `max_age_s` "
+        "(`[limits.required_age_s]` plus the rest of the probe; null: not required), "
         "`shown` (`verified`: by motion of the last 10 s; `carried`: by earlier motion that is still valid; "
         "`missing`; null: not required), `carried` (bool)",
     ),
@@ -188,7 +187,7 @@ STATUS = (
         "object or null",
         "how far what the picture shows may be from its true place, mm, as pairs of bounds for 95 % and 99.7 "
         "%: `worst_mm`, `median_mm` over the region; `depth_mm` of `[limits] point_depth_mm` and "
-        "`at_depth_mm`, null where none is named; `shown_age_s`, age of the oldest motion; `region_mm`, the "
+        "`at_depth_mm`; `shown_age_s`, of the oldest motion; `region_mm`, the "
         "bound for 99.7 % at five rows of five places of `region`, edges among them, from its upper left corner; "
         "`region`: `[limits] region`, shares of width and height. Null while a "
         "parameter was not observed, polarity or latency is not in order, something contradicts the "
@@ -197,15 +196,15 @@ STATUS = (
     Field(
         "limits",
         "object",
-        "in force: `profile` (coarse, clinical, fine; [profiles.md](profiles.md)) and `beside`, the keys of "
-        "`[limits]` that differ from it; null there: off",
+        "in force: `profile` ([profiles.md](profiles.md)) and `beside`, the keys of `[limits]` that differ from it; "
+        "null there: off",
         later=True,
     ),
     Field("point_limit_mm", "number or null", "limit of `worst_mm` at 99.7 %, `[limits] point_mm`"),
     Field(
         "rivals",
         "list",
-        "what may be wrong where motion does not tell which, the likeliest first: the keys of `checks`, and "
+        "what may be wrong where motion does not tell which, likeliest first: the keys of `checks`, and "
         "`behind_nats`, log likelihood behind the first",
     ),
     Field(
