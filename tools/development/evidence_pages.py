@@ -126,30 +126,23 @@ def _coverage_row(one: Healthy) -> Sequence[str]:
 
 _SCORES = """## Is the stated sigma honest?
 
-(value − truth) ÷ sigma of every check, once a second: root of the mean square; the last column has the largest. 1 is
-honest; less, and sigma is too large. Sigma includes what the model leaves out, which motion does not lessen. Looks of
-one window share its motion, and few seeds leave a figure uncertain by a fifth and more.
+(value − truth) ÷ sigma of every check, once a second: root of the mean square over the sessions, median (least–most);
+and the largest. 1 is honest; less, and sigma is too large. Sigma includes what the model leaves out, which motion does
+not lessen. Few seeds leave a figure uncertain by a fifth and more. `scores` of `docs/evidence.json` has each session.
 """
 
 
 def _scores(healthy: list[Healthy]) -> list[str]:
-    scored = [one for one in healthy if one.scores]
-    rows = [
-        (f"{one.origin.session}, {one.origin.tissue}", *(_score(one, name) for name in MEASURED), _worst(one))
-        for one in scored
-    ]
-    return [_SCORES, *table(("session, tissue", *MEASURED, "largest"), rows)] if rows else []
+    rows = [_score_row(name, some) for name in MEASURED if (some := [one for one in healthy if name in one.scores])]
+    return [_SCORES, *table(("check", "sessions", "root of the mean square", "largest", "in"), rows)] if rows else []
 
 
-def _score(one: Healthy, name: str) -> str:
-    score = one.scores.get(name)
-    return "–" if score is None else f"{score.rms:.2f}"
-
-
-def _worst(one: Healthy) -> str:
-    """Returns the largest score of all checks, and of which it is."""
-    name = max(one.scores, key=lambda name: one.scores[name].worst)
-    return f"{one.scores[name].worst:.1f} {name}"
+def _score_row(name: str, some: list[Healthy]) -> Sequence[str]:
+    """some: sessions in which the check was measured."""
+    rms = sorted(one.scores[name].rms for one in some)
+    last = max(some, key=lambda one: one.scores[name].worst)
+    place = f"{last.origin.session}, {last.origin.tissue}"
+    return name, str(len(some)), _with_range(median(rms), rms), f"{last.scores[name].worst:.1f}", place
 
 
 def _mean(shares: list[float]) -> str:

@@ -1,4 +1,5 @@
-"""`make docs` writes docs/hazards.md: each hazard, its severity, control, what remains, and the evidence.
+"""`make docs` writes docs/hazards.md: each hazard, its severity, control, what remains, and the evidence; and
+docs/hazard-tests.csv, the tests of each.
 
 What finds a hazard declares it (`REPORTS_FAULTS` of a module of the appliance); a test that tries it names it.
 """
@@ -8,7 +9,6 @@ from collections.abc import Iterator
 from functools import cache
 from importlib import import_module
 from pathlib import Path
-from textwrap import wrap
 
 from appliance.supervision.alarms import HAZARDS, SIGNALS, Priority
 from appliance.supervision.policy import Policy, Step
@@ -18,6 +18,7 @@ from tools.development.markdown import table
 
 ROOT = Path(__file__).parents[2]
 PAGE, ANOMALIES = ROOT / "docs" / "hazards.md", ROOT / "docs" / "known-anomalies.md"
+TESTS = ROOT / "docs" / "hazard-tests.csv"
 
 _GENERAL = ("tests/tools", "tests/support", "tests/rules", "tests/data")
 """Tests of how a hazard is shown, not of whether it is found and controlled."""
@@ -33,7 +34,7 @@ What controls each hazard, what remains, and the tests. Texts and remedies: [ala
   notice leaves the contact as it is.
 - **residual**: simulated runs without a FAULT in the last study (– where it is not simulated); [known
   anomalies](known-anomalies.md) that name it. {unnamed} of the {rows} there name no hazard and may touch any: read all.
-- **evidence**: figures of what was simulated; files of tests that name it.
+- **evidence**: figures of what was simulated; number of files of tests that name it.
 
 `tests/invariant/` drives all with random disturbances against one invariant: *closed ⇒ everything required was shown by
 motion recent enough, and nothing contradicts it*. `tests/live/test_failures.py` tries the loss of each part.
@@ -47,11 +48,13 @@ def hazards(figures: Figures) -> str:
     known = _known()
     unnamed = sum(not any(f"`{hazard}`" in row for hazard in HAZARDS) for row in known)
     told = _HEAD.format(unnamed=unnamed, rows=len(known))
-    lines = [told, *table(head, (_row(hazard, figures) for hazard in HAZARDS)), "## Tests", ""]
-    for hazard in HAZARDS:
-        links = ", ".join(f"[{Path(one).stem}](../{one})" for one in _tests(hazard))
-        lines += [f"### {hazard}", "", *wrap(links, 119, break_long_words=False, break_on_hyphens=False), ""]
-    return "\n".join(lines)
+    return "\n".join([told, *table(head, (_row(hazard, figures) for hazard in HAZARDS))])
+
+
+def traced() -> str:
+    """Each hazard with each file of tests that names it, CSV."""
+    rows = [f"{hazard},{file}" for hazard in HAZARDS for file in _tests(hazard)]
+    return "\n".join(("hazard,tests", *rows, ""))
 
 
 def _row(hazard: Fault, figures: Figures) -> tuple[str, ...]:
@@ -63,7 +66,7 @@ def _row(hazard: Fault, figures: Figures) -> tuple[str, ...]:
         _severity(row),
         f"{reached or 'notice'}; by {finders}",
         f"{_missed(hazard, figures)}; {_anomalies(hazard)}",
-        f"{_figures(hazard, figures)}[tests: {number}](#{hazard})",
+        f"{_figures(hazard, figures)}[tests: {number}]({TESTS.name})",
     )
 
 

@@ -28,7 +28,7 @@ from appliance.types import Fault, State
 from tools.development import profiles as profile_page
 from tools.development.driver_pages import written as driver_pages
 from tools.development.evidence_pages import pages, read_figures
-from tools.development.hazards import PAGE, hazards, step_text, steps
+from tools.development.hazards import PAGE, TESTS, hazards, step_text, steps, traced
 from tools.development.markdown import table
 from tools.development.reset_pages import written as reset_pages
 from tools.development.status_pages import written as status_pages
@@ -251,6 +251,7 @@ if __name__ == "__main__":
     for path, text in {
         MANUAL: manual(),
         PAGE: hazards(MEASURED),
+        TESTS: traced(),
         **pages(MEASURED),
         **profiles(),
         **drawings(),

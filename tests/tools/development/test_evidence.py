@@ -126,7 +126,8 @@ def test_scores_are_of_all_looks_of_all_runs() -> None:
     now = figures(rows)
     assert now.healthy[0].scores["latency"] == Score(1.0, 3.2)
     text = next(text for path, text in pages(now).items() if path.name == "coverage.md")
-    assert "| 2.00 | 1.00 | 4.0 rotation-lateral |" in text
+    assert "| latency | 1 | 1.00 | 3.2 | fan, still |" in text
+    assert re.search(r"\| rotation-lateral \| 1 \| .* \| 4.0 \| fan, still \|", text)
     never = figures([row | {"latency looks": "0", "latency squares": "0"} for row in ROWS[:4]])
     assert "latency" not in never.healthy[0].scores
     for one in (now, never):

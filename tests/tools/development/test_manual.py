@@ -18,7 +18,7 @@ from appliance.types import AlarmState, Fault, State
 from drivers.registry import drivers
 from tools.development import driver_pages, status_pages
 from tools.development.evidence_pages import pages, read_figures
-from tools.development.hazards import PAGE, ROOT, found_by, hazards
+from tools.development.hazards import PAGE, ROOT, TESTS, found_by, hazards, traced
 from tools.development.manual import MANUAL, drawings, manual, profiles
 from tools.study.hazard import FAULTS
 
@@ -32,6 +32,7 @@ def test_the_page_on_alarms_is_the_one_the_code_writes() -> None:
 
 def test_the_page_on_hazards_is_the_one_the_code_writes() -> None:
     assert PAGE.read_text(encoding="utf-8") == hazards(FIGURES), "run make docs"
+    assert TESTS.read_text(encoding="utf-8") == traced(), "run make docs"
 
 
 def test_the_page_on_profiles_is_the_one_the_figures_write() -> None:
@@ -109,10 +110,10 @@ def test_every_hazard_has_severity_control_residual_and_evidence_with_links() ->
         assert "(../appliance/" in control, f"nothing finds {fault}"
         assert re.fullmatch(r"(–|\d+/\d+); \d+", residual)
         assert [step.state.value for step in HAZARDS[fault].policy.steps] == states_of(control)
-        assert f"(#{fault})" in evidence
-        files = section(fault)
+        files = tried_in(fault)
         assert files, f"no test names {fault}"
-        assert all((DOCS / file).is_file() for file in files)
+        assert f"[tests: {len(files)}]" in evidence
+        assert all((ROOT / file).is_file() for file in files)
         assert len(f"{requirement}{severity}{control}{residual}{evidence}") < 1000, "a row is to be read"
         linked = set(re.findall(r"\(evidence\.md#([\w-]+)\)", evidence))
         assert bool(linked) == (not residual.startswith("–"))
@@ -126,10 +127,9 @@ def states_of(control: str) -> list[str]:
     return [] if said == "notice" else said.split(", ")
 
 
-def section(fault: Fault) -> list[str]:
-    """Files of tests below the table that name it."""
-    (said,) = re.findall(rf"\n### {fault}\n(.*?)(?=\n###|\Z)", hazards(FIGURES), re.DOTALL)
-    return re.findall(r"\((\.\./tests/[^)]+)\)", said)
+def tried_in(fault: Fault) -> list[str]:
+    """Files of tests that name it."""
+    return re.findall(rf"^{fault},(.+)$", traced(), re.M)
 
 
 def test_every_hazard_that_the_study_simulates_was_measured() -> None:
