@@ -317,8 +317,10 @@ class Publisher:
     def _leave_who_acknowledges_nothing(self) -> None:
         """Break off without a goodbye, so that the broker publishes the last will if it is able to."""
         waiting_s = next(iter(self._waiting_s), None)
+        if waiting_s is None or time.monotonic() - waiting_s <= _ACKNOWLEDGED_S:
+            return
         line = self._client.socket()
-        if waiting_s is not None and line is not None and time.monotonic() - waiting_s > _ACKNOWLEDGED_S:
+        if isinstance(line, socket.socket):
             self._client.trouble = f"it has acknowledged nothing for {_ACKNOWLEDGED_S:g} s"
             with contextlib.suppress(OSError):
                 line.shutdown(socket.SHUT_RDWR)
