@@ -12,7 +12,7 @@ from appliance.configuration.noise_file import LearnedNoise, judged_by, read_noi
 from appliance.configuration.toml_lines import key_lines, line_of
 from appliance.limits import MAX_VERIFICATION_AGE_S, NAMED_NATS, TRACKER_STALE_MS, Limits, check_name
 from appliance.supervision.annunciator import Role
-from appliance.supervision.policy import Durations
+from appliance.supervision.policy import BEHIND_NS, Durations
 from appliance.supervision.watchers.device_health import Timeouts
 from drivers.errors import ConfigurationError
 from drivers.files.markup import SAVE_AS_UTF_8, NotUtf8Error, text_of, toml_of
@@ -139,7 +139,8 @@ class SupervisorTimes(_Section):
     output_silence_ms: float = Field(default=500, ge=200, le=5000)
     unseen_s: float = Field(default=3.0, ge=0.5, le=60)
 
-    def durations(self) -> Durations:
+    def durations(self, stated_ns: int = 0) -> Durations:
+        """stated_ns: by which the sources are known to be late."""
         return Durations(
             gross_halt_after_ns=_ns(self.gross_halt_after_s),
             halt_after_ns=_ns(self.halt_after_s),
@@ -149,6 +150,7 @@ class SupervisorTimes(_Section):
             max_verification_age_ns=_ns(self.max_verification_age_s),
             self_test_ns=_ns(self.self_test_s),
             starting_ns=_ns(self.starting_s),
+            behind_ns=BEHIND_NS + stated_ns,
         )
 
     def timeouts(self) -> Timeouts:
@@ -295,7 +297,13 @@ class Config(_Section):
     @property
     def tracker_latency_ms(self) -> float:
         """What the tracker's URL takes off every stamp."""
-        return float(split_url(self.tracker.url, "tracker")[2].get("latency_ms", 0))
+        return _stated_ms(self.tracker.url, "tracker")
+
+    @property
+    def durations(self) -> Durations:
+        """As `[supervisor]` has them; a verdict may be behind by what the URLs take off the stamps as well."""
+        stated_ms = _stated_ms(self.video.url, "video") + self.tracker_latency_ms
+        return self.supervisor.durations(_ns(stated_ms / 1e3))
 
 
 def load_config(path: Path) -> Config:
@@ -350,6 +358,12 @@ def _with_noise(config: Config, file: Path, text: str, path: Path) -> Config:
 def is_configured(path: Path) -> bool:
     """Whether a person has adapted the file; one without the key counts as adapted. Raises ConfigurationError."""
     return _parsed(configuration_text(path), path).get("configured", True) is not False
+
+
+def _stated_ms(url: str, kind: str) -> float:
+    """What the URL of a source takes off every stamp."""
+    options = split_url(url, kind)[2]
+    return sum(float(options.get(name, 0)) for name in ("latency_ms", "delay_ms"))
 
 
 def _ns(seconds: float) -> int:

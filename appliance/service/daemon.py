@@ -87,7 +87,7 @@ class Daemon:
         self._feed = FeedHost(config.feed_socket, config.control.group, onlookers.all, onlookers.without_pictures)
         estimator.tap = self._feed.tap
         self._notifier, self._worker, self._annunciator = Notifier(), around.worker(), Annunciator()
-        self._supervisor = supervisor_after(self._recorder.latch, config.supervisor.durations())
+        self._supervisor = supervisor_after(self._recorder.latch, config.durations)
         self._supervision = Supervision(
             self._supervisor, self._events, self._host.overload, self._recorder, clock.now_ns()
         )

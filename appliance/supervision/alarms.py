@@ -88,6 +88,7 @@ _EXPLAINED = (State.WAITING, State.NOT_VERIFIED, State.WARNING, State.DEVICE_LOS
 EARLIER, PARTLY_EARLIER = "by earlier motion", "in part by earlier motion"
 """What a calibration that is verified rests on, where the present motion does not show all of it."""
 OUTDATED = "the last verification is too old; move the probe over tissue"
+BEHIND = "the times of picture or pose fall behind; check scanner, tracker and their server"
 DISTURBED = "verified only before a disturbance; move the probe over tissue"
 """Why a calibration that the line has called verified does not count as verified."""
 

@@ -55,6 +55,9 @@ GERMAN = {text: german for row in FAULT_ROWS.values() for text, german in row.tr
     "the last verification is too old; move the probe over tissue": (
         "die letzte Bestätigung ist zu alt; Sonde über Gewebe bewegen"
     ),
+    "the times of picture or pose fall behind; check scanner, tracker and their server": (
+        "die Zeiten von Bild oder Pose bleiben zurück; Scanner, Tracker und deren Server prüfen"
+    ),
     "verified only before a disturbance; move the probe over tissue": (
         "nur vor einer Störung bestätigt; Sonde über Gewebe bewegen"
     ),

@@ -138,8 +138,15 @@ class Ledger:
         self.verified_ns = shown_ns if stands else None
         self._expires_ns = verdict.expires_ns
 
+    @property
+    def behind(self) -> bool:
+        """The last verdict is of a time long gone, and says nothing of now: the times of picture or pose stand still or
+        go too slowly, or no picture is judged any more.
+        """
+        return self.last is not None and self.now_ns - self.last.t_ns > self.durations.behind_ns
+
     def _note_ok(self, verdict: Verdict) -> None:
-        if self.verified_ns is not None:
+        if self.verified_ns is not None and not self.behind:
             self.calibration.lift(self.now_ns)
             self.unrecovered.lift(self.now_ns)
 
@@ -242,11 +249,12 @@ class Ledger:
 
     @property
     def verified(self) -> bool:
-        """Motion not older than max_verification_age has shown all that is required, nothing has contradicted it, and
-        probe and tissue are in sight. What has an age limit of its own in the configuration is not older than that, not
-        counting the time, `limits.at_rest_s` at most, for which the probe has been held still since.
+        """Motion not older than max_verification_age has shown all that is required, nothing has contradicted it, the
+        line said so of the last second, and probe and tissue are in sight. What has an age limit of its own in the
+        configuration is not older than that, not counting the time, `limits.at_rest_s` at most, for which the probe has
+        been held still since.
         """
-        if self.verified_ns is None or self.sight is not None:
+        if self.verified_ns is None or self.sight is not None or self.behind:
             return False
         if self._expires_ns is not None and self.now_ns > self._expires_ns:
             return False

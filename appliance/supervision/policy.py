@@ -13,10 +13,20 @@ from enum import Enum
 from appliance.limits import MAX_VERIFICATION_AGE_S
 from appliance.types import State
 
+BEHIND_NS = 1_000_000_000
+"""Longer keeps the contact closed on times that stand still, or go too slowly, and find everything young for ever:
+within a second it opens for every scanner and tracker (docs/failures.md). Shorter opens it for a busy computer; a
+picture waits for its pose for .7 s at most (`Pairing`), of a tracker that is lost by then.
+"""
+
 
 @dataclass(frozen=True, slots=True)
 class Durations:
-    """Times of the policy and of the supervisor's table, ns of the host clock."""
+    """Times of the policy and of the supervisor's table, ns of the host clock.
+
+    behind_ns: by which a verdict may be behind the clock, and verify something. No key of the configuration: what a
+    URL states of delays is added (`appliance.configuration.config`).
+    """
 
     gross_halt_after_ns: int = 300_000_000
     halt_after_ns: int = 1_000_000_000
@@ -26,6 +36,7 @@ class Durations:
     max_verification_age_ns: int = round(MAX_VERIFICATION_AGE_S * 1e9)
     self_test_ns: int = 20_000_000_000
     starting_ns: int = 10_000_000_000
+    behind_ns: int = BEHIND_NS
 
 
 class Ending(Enum):

@@ -21,7 +21,7 @@ from enum import Enum
 
 import statemachine
 
-from appliance.supervision.alarms import ACKNOWLEDGED, DISTURBED, HAZARDS, NOT_NOW, OUTDATED, operator_text
+from appliance.supervision.alarms import ACKNOWLEDGED, BEHIND, DISTURBED, HAZARDS, NOT_NOW, OUTDATED, operator_text
 from appliance.supervision.condition import Condition
 from appliance.supervision.ledger import Ledger
 from appliance.supervision.policy import Durations
@@ -287,6 +287,8 @@ class Supervisor:
             return HAZARDS[self._ledger.reported_sight].text
         last = self._ledger.last
         if last is not None and last.kind is VerdictKind.OK and not self._ledger.verified:
+            if self._ledger.behind:
+                return BEHIND
             return DISTURBED if self._ledger.verified_ns is None else OUTDATED
         if last is not None and last.kind is not VerdictKind.OK and last.reason:
             return last.reason

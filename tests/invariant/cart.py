@@ -297,6 +297,11 @@ class Cart:
         skew_ns = self.circumstances.skew_ns
         if stamps is Stamps.ALIKE:
             return self._alike_ns.setdefault(what, self._now_ns), False
+        if stamps is Stamps.CRAWLING:
+            self._alike_ns[what] = self._alike_ns.get(what, self._now_ns) + 1
+            return self._alike_ns[what], False
+        if stamps is Stamps.HALF_AS_FAST:
+            return (self._now_ns + self._alike_ns.setdefault(what, self._now_ns)) // 2, False
         off_ns += {Stamps.FUTURE: skew_ns, Stamps.PAST: -skew_ns}.get(stamps, 0)
         return self._now_ns + off_ns, off_ns == 0
 

@@ -66,6 +66,8 @@ class Stamps(Enum):
     FUTURE = "stamps in the future"
     PAST = "stamps in the past"
     ALIKE = "all stamps alike"
+    CRAWLING = "each stamp a nanosecond after the one before"
+    HALF_AS_FAST = "stamps of a clock that goes half as fast"
 
 
 @dataclass(slots=True)

@@ -175,6 +175,7 @@ def _certainty() -> list[str]:
 
 def _durations() -> list[str]:
     defaults = {one.name.removesuffix("_ns"): getattr(Durations(), one.name) / 1e9 for one in fields(Durations)}
+    defaults = {name: default_s for name, default_s in defaults.items() if f"{name}_s" in SupervisorTimes.model_fields}
     rows = [(f"`{name}_s`", f"{default_s:g}") for name, default_s in defaults.items()]
     return ["## Durations", "", "In `[supervisor]` of the configuration.", "", *table(("key", "default, s"), rows)]
 

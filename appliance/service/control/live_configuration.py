@@ -56,7 +56,7 @@ class LiveConfiguration:
         written = self._worker.run(str(self.file), lambda: load_config(self.file))
         before, self.config = self.config, _taken(self.config, written, self.file)
         self._references.look_again()
-        self._supervisor.retime(self.config.supervisor.durations())
+        self._supervisor.retime(self.config.durations)
         timeouts, self.timeouts = self.timeouts, self.config.supervisor.timeouts()
         if (self.config.limits, self.timeouts.stale_ns) != (before.limits, timeouts.stale_ns):
             self.verify_anew()

@@ -3,6 +3,7 @@
 import importlib
 import re
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -57,6 +58,12 @@ def test_a_short_file_gets_every_default(tmp_path: Path) -> None:
     assert config.limits == Limits()
     assert config.supervisor.durations() == Durations()
     assert config.supervisor.timeouts() == Timeouts()
+
+
+def test_a_verdict_may_be_behind_by_what_the_urls_take_off_the_stamps(tmp_path: Path) -> None:
+    urls = GOOD.replace("sim:/tmp/x/scanner", "opencv:rtsp://scanner/x?delay_ms=1500")
+    config = load_config(written(tmp_path, urls.replace("ttyUSB0", "ttyUSB0?latency_ms=80")))
+    assert config.durations == replace(Durations(), behind_ns=Durations().behind_ns + 1_580_000_000)
 
 
 def test_units_become_nanoseconds(tmp_path: Path) -> None:

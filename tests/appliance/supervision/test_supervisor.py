@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from appliance.supervision.alarms import operator_text
+from appliance.supervision.alarms import BEHIND, operator_text
 from appliance.supervision.supervisor import AlarmTable, Inputs, Request
 from appliance.types import State, Verdict, VerdictKind
 from tests.support.supervised import (
@@ -135,27 +135,32 @@ def test_a_mirrored_picture_halts_sooner_than_a_drift() -> None:
     assert room.fault(60 * S_NS) is H, "it is mended at the scanner"
 
 
+def carried(t_ns: int, shown_ns: int, expires_ns: int | None = None) -> Inputs:
+    """The line still says OK, of what was shown then."""
+    return Inputs((Verdict(t_ns, VerdictKind.OK, (), verified_ns=shown_ns, expires_ns=expires_ns),))
+
+
 def test_verification_expires_at_its_bound() -> None:
     room = room_in(State.MONITORING)
-    assert room.at(DURATIONS.max_verification_age_ns) is M
+    shown_ns, last_ns = room.now_ns, room.now_ns + DURATIONS.max_verification_age_ns
+    assert room.at(last_ns - shown_ns, carried(last_ns, shown_ns)) is M
     assert room.at(1) is N
     assert not room.alarm.energised
 
 
 def test_what_has_an_age_limit_of_its_own_expires_before_the_others() -> None:
     room = room_in(State.MONITORING)
-    expires_ns = room.now_ns + 2 * S_NS
-    verified = Verdict(room.now_ns, VerdictKind.OK, (), verified_ns=room.now_ns, expires_ns=expires_ns)
-    assert room.at(0, Inputs((verified,))) is M
-    assert room.at(2 * S_NS) is M
+    shown_ns, expires_ns = room.now_ns, room.now_ns + 2 * S_NS
+    assert room.at(0, carried(shown_ns, shown_ns, expires_ns)) is M
+    assert room.at(2 * S_NS, carried(expires_ns, shown_ns, expires_ns)) is M
     assert room.at(1) is N
 
 
 def test_an_age_limit_of_its_own_never_lengthens_a_verification() -> None:
     room = room_in(State.MONITORING)
-    verified = Verdict(room.now_ns, VerdictKind.OK, (), verified_ns=room.now_ns, expires_ns=room.now_ns + 600 * S_NS)
-    assert room.at(0, Inputs((verified,))) is M
-    assert room.at(DURATIONS.max_verification_age_ns + 1) is N
+    shown_ns, expires_ns, last_ns = room.now_ns, room.now_ns + 600 * S_NS, DURATIONS.max_verification_age_ns + 1
+    assert room.at(0, carried(shown_ns, shown_ns, expires_ns)) is M
+    assert room.at(last_ns, carried(shown_ns + last_ns, shown_ns, expires_ns)) is N
 
 
 def test_other_durations_count_from_the_next_step() -> None:
@@ -200,6 +205,7 @@ def test_the_durations_are_those_of_the_manual() -> None:
         "max_verification_age": 120_000,
         "self_test": 20_000,
         "starting": 10_000,
+        "behind": 1000,  # no key of the configuration
     }
     assert asdict(DURATIONS) == {f"{name}_ns": value * 1_000_000 for name, value in ms.items()}
 
@@ -239,12 +245,32 @@ def test_not_verified_never_says_calibration_verified() -> None:
     room.step()
     room.at(TICK_NS, Inputs((replace(said, t_ns=room.now_ns, verified_ns=room.now_ns),)))
     assert room.at(TICK_NS, Inputs((replace(said, t_ns=room.now_ns, verified_ns=room.now_ns),))) is M
-    old_ns = room.now_ns
-    assert (
-        room.at(DURATIONS.max_verification_age_ns + TICK_NS, Inputs((replace(said, t_ns=old_ns, verified_ns=old_ns),)))
-        is N
-    )
+    old_ns, last_ns = room.now_ns, room.now_ns + DURATIONS.max_verification_age_ns + TICK_NS
+    said = replace(said, t_ns=last_ns, verified_ns=old_ns)
+    assert room.at(last_ns - old_ns, Inputs((said,))) is N
     assert room.alarm.reason == "the last verification is too old; move the probe over tissue"
     room.supervisor.invalidate_verification()
-    assert room.at(TICK_NS, Inputs((replace(said, t_ns=old_ns, verified_ns=old_ns),))) is N
+    assert room.at(TICK_NS, Inputs((said,))) is N
     assert room.alarm.reason == "verified only before a disturbance; move the probe over tissue"
+
+
+@pytest.mark.parametrize("state", [State.MONITORING, State.WARNING])
+def test_a_verdict_of_a_time_long_gone_verifies_nothing(state: State) -> None:
+    """As where the times of the pictures stand still: what was shown would stay young for ever."""
+    room = room_in(state)
+    shown_ns = room.now_ns
+    for _ in range(2 * DURATIONS.probation_ns // TICK_NS):
+        t_ns = room.now_ns + TICK_NS - DURATIONS.behind_ns - 1
+        found = room.at(TICK_NS, Inputs(verdicts=(Verdict(t_ns, VerdictKind.OK, (), verified_ns=shown_ns),)))
+    assert found is {State.MONITORING: N, State.WARNING: H}[state], "the fault that was shown stands"
+    assert (room.alarm.reason == BEHIND) is (found is N)
+
+
+def test_a_verdict_may_be_behind_by_as_much_as_is_known() -> None:
+    room = room_in(State.MONITORING)
+    shown_ns = room.now_ns
+    known_ns = 3 * S_NS
+    room.supervisor.retime(replace(DURATIONS, behind_ns=DURATIONS.behind_ns + known_ns))
+    for _ in range(100):
+        late = Verdict(room.now_ns + TICK_NS - known_ns, VerdictKind.OK, (), verified_ns=shown_ns)
+        assert room.at(TICK_NS, Inputs(verdicts=(late,))) is M
