@@ -19,6 +19,9 @@ _SCALARS = {2: "i1", 3: "u1", 4: "i2", 5: "u2", 6: "i4", 7: "u4", 10: "f4", 11: 
 """Scalar type → NumPy's, by the specification."""
 _GREY = 3
 """Scalar type of 8 bits without sign, which needs no conversion."""
+_SPREAD_AT_ONCE = 1 << 20
+"""Values, which take 8 bytes each on their way, several times over. All of 64 MiB at once took 1.8 GB, more than the
+unit may have; fewer take more calls."""
 _ORDERS = {1: ">", 2: "<"}
 """Byte order of the pixels, by the specification."""
 """Number of components → OpenCV's weights of red, green and blue (ITU-R BT.601)."""
@@ -93,8 +96,12 @@ def grey_picture(image: Image, levels: Levels | None) -> GreyImage:
 def _spread(pixels: np.ndarray, levels: Levels) -> GreyImage:
     """What is no number is black."""
     black, white = levels
-    shares = np.clip((pixels.astype(np.float64) - black) / (white - black), 0.0, 1.0)
-    return np.asarray(np.rint(255 * np.nan_to_num(shares, nan=0.0)), np.uint8)
+    values, shown = pixels.reshape(-1), np.empty(pixels.size, np.uint8)
+    for start in range(0, values.size, _SPREAD_AT_ONCE):
+        some = slice(start, start + _SPREAD_AT_ONCE)
+        shares = np.clip((values[some].astype(np.float64) - black) / (white - black), 0.0, 1.0)
+        shown[some] = np.rint(255 * np.nan_to_num(shares, nan=0.0))
+    return shown.reshape(pixels.shape)
 
 
 def _sides(size: tuple[int, ...]) -> str:

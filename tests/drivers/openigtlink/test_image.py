@@ -1,5 +1,7 @@
 """Which pictures become grey ones, and by which words the others are refused."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
@@ -36,6 +38,20 @@ def test_floating_point_that_is_no_number_is_black() -> None:
     pixels = np.full((16, 16), np.nan, "<f4")
     pixels[0, :3] = np.inf, -np.inf, 0.5
     assert grey_picture(image(pixels, 10), (0.0, 1.0))[0, :4].tolist() == [255, 0, 128, 0]
+
+
+def test_a_huge_picture_is_spread_without_as_huge_a_memory() -> None:
+    """64 MiB of them once took 1.8 GB, beyond which the kernel ends the service."""
+    huge = image(np.full((2048, 4096), 9, np.uint8))
+    tracemalloc.start()
+    try:
+        found = grey_picture(huge, (0.0, 18.0))
+        _, peak_bytes = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert found.shape == (2048, 4096)
+    assert (found == 128).all()
+    assert peak_bytes < 8 * found.size, "less than its values as floating point"
 
 
 def refused(picture: Image, levels: Levels | None = None) -> str:
