@@ -104,7 +104,8 @@ def main() -> None:
         click.echo(f"probewatch: {error}", err=True)
         sys.exit(os.EX_SOFTWARE)
     except click.Abort as error:
-        click.echo(f"probewatch: {': '.join(['stopped', *map(str, error.args)])}", err=True)
+        word = getattr(error, "word", "stopped")  # of tools.shared.interruption.Stopped
+        click.echo(f"probewatch: {': '.join([word, *map(str, error.args)])}", err=True)
         sys.exit(130)
 
 

@@ -327,7 +327,7 @@ def reset(folder: Path, control_socket: Path, yes: bool) -> None:
     """
     _refuse_running(control_socket)
     language = cart_language()
-    with stopped_saying(told("nothing was changed", language)):
+    with stopped_saying(told("nothing was changed", language), told("stopped", language)):
         ask(told("Set the history of the reference in {folder} aside?", language, folder=folder), yes, language)
     try:
         kept = set_aside(folder)

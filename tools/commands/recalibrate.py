@@ -326,7 +326,9 @@ def _refuse_signed(chosen: Begin, signature: Signature | None) -> None:
 
 def _asked(chosen: Begin, language: str) -> Begin:
     """Returns the options with the answers of the person at the terminal. Raises click.Abort."""
-    with stopped_saying(told("nothing was begun", language) if sys.stdin.isatty() else _NOBODY):
+    asked = sys.stdin.isatty()
+    begun, stopped = told("nothing was begun", language), told("stopped", language)
+    with stopped_saying(begun if asked else _NOBODY, stopped if asked else "stopped"):
         return replace(
             chosen,
             probe=chosen.probe or words(told("probe", language), language),

@@ -96,7 +96,7 @@ def command(
         )
     with ControlClient(control_socket) as client:
         language = language_of(client.status())
-    with stopped_saying(told("no result was stored", language)):
+    with stopped_saying(told("no result was stored", language), told("stopped", language)):
         found, kept = _tested(control_socket, feed, folder, operator, lamps, yes, baseline, language)
     write([item.fields() for item in found])
     if not as_json:
@@ -148,7 +148,8 @@ def _progress(what: str) -> Iterator[Any]:
 def _lamps(client: ControlClient, how: str, language: str) -> bool | None:
     if how in ("seen", "not-seen"):
         return how == "seen"
-    if how == "skip" or not sys.stdin.isatty():
+    signals = {output["signal"] for output in client.status()["outputs"]}
+    if how == "skip" or not sys.stdin.isatty() or signals <= {"contact"}:  # which no lamp test touches
         return None
     client.test_lamps()
     question = "For {seconds} s every lamp is lit and the tone sounds. All seen and heard?"

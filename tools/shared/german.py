@@ -266,6 +266,16 @@ GERMAN_OF_TOOLS = {
     "at its next start the service uses the calibration file of the configuration, not verified": (
         "beim nächsten Start verwendet der Dienst die Kalibrierdatei der Konfiguration, unbestätigt"
     ),
+    # status
+    "it is {said}, and of it is not shown yet: {names}": "sie ist {said}, und von ihr ist noch nicht gezeigt: {names}",
+    "far from the one before": "weit von der vorigen",
+    "the first calibration": "die erste Kalibrierung",
+    "damaged replies refused: {number}": "beschädigte Antworten abgelehnt: {number}",
+    "where they go on, see cable and plugs": "halten sie an, Kabel und Stecker ansehen",
+    "poses read a second time, after a leap or a gap, and then used: {number}": (
+        "Posen nach einem Sprung oder einer Lücke ein zweites Mal gelesen und dann verwendet: {number}"
+    ),
+    "this is no fault": "das ist kein Fehler",
     # recalibrate
     "nothing was begun": "nichts wurde begonnen",
     "probe": "Sonde",
@@ -348,7 +358,7 @@ GERMAN_OF_TOOLS = {
         "Bericht, {kind} {name}, als Letztes zu Ende, da mit --of kein Tag genannt wurde"
     ),
     "The alarm log begins after it, on {since}: --of {since} reports that {kind}": (
-        "Das Alarmprotokoll beginnt danach, am {since}: für {kind} davon --of {since}"
+        "Das Alarmprotokoll beginnt danach, am {since}: --of {since} zeigt es ({kind})"
     ),
     "written: {file}, signed {signature}": "geschrieben: {file}, Signatur {signature}",
     "the alarm log is damaged, as the top of the report says; see: probewatch log --verify": (

@@ -31,14 +31,22 @@ def said_when_interrupted(what: str) -> Iterator[None]:
             signal.signal(one, handler)
 
 
+class Stopped(click.Abort):
+    """What was stopped, and what is the outcome. word: "stopped" in the language of that."""
+
+    def __init__(self, outcome: str, word: str = "stopped") -> None:
+        super().__init__(outcome)
+        self.word = word
+
+
 @contextmanager
-def stopped_saying(tell: str | Callable[[], str]) -> Iterator[None]:
-    """Inside, Ctrl-C, the end of the input and a declined question raise click.Abort with the outcome, which `tell`
-    returns; a message set by an inner block takes precedence.
+def stopped_saying(tell: str | Callable[[], str], word: str = "stopped") -> Iterator[None]:
+    """Inside, Ctrl-C, the end of the input and a declined question raise Stopped with the outcome, which `tell`
+    returns; a message set by an inner block takes precedence. word: as of Stopped.
     """
     try:
         yield
     except (KeyboardInterrupt, EOFError, click.Abort) as error:
         if isinstance(error, click.Abort) and error.args:
             raise
-        raise click.Abort(tell if isinstance(tell, str) else tell()) from None
+        raise Stopped(tell if isinstance(tell, str) else tell(), word) from None

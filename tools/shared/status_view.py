@@ -17,6 +17,7 @@ from rich.text import Text
 from appliance.service.control.status_fields import STATUS, Field
 from appliance.supervision.languages import translated, translated_text
 from appliance.types import Fault, State
+from tools.shared.german import recognised
 from tools.shared.gesture_drawings import drawn
 from tools.shared.plain_text import shown
 from tools.shared.point_text import WORDS as POINT_WORDS
@@ -267,7 +268,7 @@ def _remarks(status: Status) -> list[Text]:
         *([_words(status)["recovering"].format(names=back)] if back else []),
         *status["notices"],
         *([f"recalibration: {given_up}"] if given_up else []),
-        *status["remarks"],
+        *(recognised(remark, _language(status)) for remark in status["remarks"]),
         *lost,
         *ended,
     ]
@@ -291,7 +292,9 @@ def _lines(fields: Sequence[Field], holder: Status, language: str) -> Iterator[s
         if value is not None:
             yield from _lines(field.parts, value, language) if field.parts else ()
             if field.line is not None:
-                yield ((language == "de" and field.line.de) or field.line.en).format(value)
+                said = recognised(value, language) if isinstance(value, str) else value
+                known = language == "de" and not (isinstance(value, str) and said == value)
+                yield ((known and field.line.de) or field.line.en).format(said)
 
 
 def _reference(reference: Mapping[str, Any], say: Mapping[str, str]) -> str:

@@ -88,11 +88,11 @@ def reporting_change(socket: Path | None, language: str) -> Iterator[None]:
     beginning. `socket` is that of the service, None without one. Raises ProbewatchError where it does not answer.
     """
     if socket is None:
-        with stopped_saying(told("no service was notified", language)):
+        with stopped_saying(told("no service was notified", language), told("stopped", language)):
             yield
         return
     before = _reference_of(socket)
-    with stopped_saying(lambda: _become(socket, before, language)):
+    with stopped_saying(lambda: _become(socket, before, language), told("stopped", language)):
         yield
 
 

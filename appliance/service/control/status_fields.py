@@ -146,7 +146,7 @@ STATUS = (
         "string or null",
         "why there is no reference, or none that can be verified, such as a full disk",
         metric=Metric("reference_waits", Kind.GIVEN, "1: there is no reference that may be verified"),
-        line=Line("! reference: {}"),
+        line=Line("! reference: {}", "! Referenz: {}"),
     ),
     Field(
         "calibration_changed",

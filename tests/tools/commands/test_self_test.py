@@ -5,8 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.answering import Answering
+from tests.support.answering import Answering, recorded
 from tests.support.answers import answered
+from tests.support.person import Person
 
 
 @pytest.mark.parametrize("arguments", [("--socket", "/nowhere/control"), ("--config", "/nowhere.toml")])
@@ -37,3 +38,15 @@ def test_into_a_pipe_each_item_is_one_line_with_tabs_and_the_path_is_whole(tmp_p
     assert {line.count("\t") for line in items} == {2}, shown
     assert {line.split("\t")[0] for line in items} <= {"✓", "✗", "?"}
     assert (judged.endswith("are not green."), Path(kept.removeprefix("kept: ")).parent) == (True, folder)
+
+
+def test_a_cart_without_lamps_is_not_asked_whether_they_were_seen(tmp_path: Path) -> None:
+    """It asked "All seen and heard?" of nothing, and then said that this cart has none."""
+    with Answering(tmp_path / "control") as service:
+        service.changes = {"outputs": [{**recorded()["outputs"][0], "signal": "contact"}]}
+        given = ("self-test", "--socket", service.path, "--folder", tmp_path / "kept", "--yes")
+        with Person(*given) as person:
+            shown = person.sees("kept: ")
+            assert person.ends() == 1
+    assert "this cart has none, only the contact" in shown
+    assert "heard?" not in shown

@@ -19,9 +19,11 @@ from tools.selftest import items
 from tools.selftest.baseline import beside, chosen
 from tools.selftest.items import Item
 from tools.shared.german import GERMAN_OF_TOOLS, _of_page, confirmed, recognised, told
+from tools.shared.interruption import Stopped, stopped_saying
 
 ROOT = Path(__file__).parents[3]
 SPEAKERS = ("tools/commands", "tools/recalibration", "tools/selftest", "tools/shared", "appliance/storage")
+SPEAKERS += ("appliance/service/control", "drivers/trackers/ndi")
 COMMANDS = re.compile(r"probewatch \w|docs/")
 """What is a command or a page and has no German of its own."""
 
@@ -161,6 +163,25 @@ def test_what_the_page_says_of_a_scan_is_known_as_well() -> None:
         "3 brauchbare Ansichten der Kreuzung, 8 sind nötig"
     )
     assert recognised("Pass slowly through the crossing", "de") == "Langsam durch die Kreuzung fahren"
+
+
+def test_the_status_of_a_german_cart_says_in_german_what_keeps_its_reference_from_being_verified(
+    tmp_path: Path,
+) -> None:
+    """Both lines were English below a German state."""
+    remarks = ["damaged replies refused: 4; where they go on, see cable and plugs"]
+    waits = "it is far from the one before, and of it is not shown yet: polarity, scale-axial"
+    with Answering(tmp_path / "control") as service:
+        service.changes = {"language": "de", "remarks": remarks, "reference_waits": waits}
+        shown = " ".join(answered("status", "--socket", service.path).stdout.split())
+    assert "! beschädigte Antworten abgelehnt: 4; halten sie an, Kabel und Stecker ansehen" in shown
+    assert "! Referenz: sie ist weit von der vorigen, und von ihr ist noch nicht gezeigt: Spiegelung, Maßstab" in shown
+
+
+def test_what_was_stopped_is_told_in_one_language() -> None:
+    with pytest.raises(Stopped) as stopped, stopped_saying(told("nothing was changed", "de"), told("stopped", "de")):
+        raise KeyboardInterrupt
+    assert (stopped.value.word, *stopped.value.args) == ("beendet", "nichts wurde geändert")
 
 
 @pytest.mark.parametrize(("typed", "yes"), [("j", True), ("Ja", True), ("y", True), ("n", False), ("", False)])
