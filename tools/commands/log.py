@@ -19,6 +19,7 @@ from drivers.printable import LONGEST_TEXT, printable
 from drivers.suggestion import did_you_mean, suggested
 from tools.shared.alarm_history import settled_log
 from tools.shared.calendar_option import MOMENT
+from tools.shared.german import recognised, told
 from tools.shared.named_cart import cart_language, folder_argument
 from tools.shared.profile_text import logged_limits_text
 from tools.shared.spoken import say, say_change
@@ -31,6 +32,8 @@ _SAID = ("state", "reason", "text")
 """What the service says in an entry, in English."""
 _SAID_IN: Mapping[str, str] = {Event.STATE: "reason", Event.PROPOSAL: "text", Event.UNDECIDED: "text"}
 """Where it says more than a word, which may have no translation."""
+_LISTS = (Event.OVERLOADED, Event.OVERLOAD_ENDED, Event.OVERDUE, Event.WALL_CLOCK, Event.SLEPT)
+"""Whose texts are told part by part, whole in one language."""
 _STATES = tuple(str(state.value) for state in State)
 
 
@@ -125,8 +128,10 @@ def _named(entry: Entry, state: str | None, fault: str | None, event: str | None
 def _line(entry: Entry, language: str) -> str:
     """Returns the entry in the language where it can be told whole in it, else in English."""
     spoken = language if _is_whole(entry, language) else "en"
-    told = _TEXTS.get(entry.event, _all_of_it)(_in(spoken, entry))
-    text = f"{translated_text(entry.event, spoken)}: {told}".removesuffix(": ")
+    said = _TEXTS.get(entry.event, _all_of_it)(_in(spoken, entry))
+    if spoken != language and (parts := _in_parts(entry.event, said, language)):
+        spoken, said = language, parts
+    text = f"{recognised(entry.event, spoken)}: {said}".removesuffix(": ")
     colour = _COLOURS.get(str(entry.data.get("state")))
     latched = "" if entry.latch is None else translated_text(entry.latch.state, spoken)
     latch = f" [{say('latched', spoken)}: {latched}]" if latched else ""
@@ -138,6 +143,22 @@ def _is_whole(entry: Entry, language: str) -> bool:
         return True
     said = entry.data.get(_SAID_IN.get(entry.event, ""))
     return isinstance(said, str) and translated_text(said, language) != said
+
+
+def _in_parts(event: str, text: str, language: str) -> str:
+    """Returns the text of an entry that is a list, in the language; empty where a part has none in it."""
+    if event == Event.ESTIMATE:
+        reference, _, listed = text.partition(": ")
+        parts = [part.split(" ", 1) for part in listed.split(", ")]
+        names = [translated_text(part[0], language) for part in parts]
+        if not reference.startswith("reference ") or any(len(part) < 2 for part in parts):
+            return ""
+        figures = ", ".join(f"{name} {part[1]}" for name, part in zip(names, parts, strict=True))
+        return f"{told('reference', language)} {reference.removeprefix('reference ')}: {figures}"
+    if event not in _LISTS:
+        return ""
+    parts_said = [(part, recognised(part, language)) for part in text.split(", ")]
+    return "" if any(part == said for part, said in parts_said) else ", ".join(said for _, said in parts_said)
 
 
 def _in(language: str, entry: Entry) -> Mapping[str, Any]:
@@ -172,8 +193,8 @@ def _estimate(data: Mapping[str, Any]) -> str:
     checks = data.get("checks")
     if not isinstance(checks, Mapping) or not all(isinstance(row, list) and len(row) == 3 for row in checks.values()):
         return _all_of_it(data)
-    told = (f"{name} {value} ± {sigma}" for name, (value, sigma, _) in checks.items())
-    return f"reference {data.get('reference')}: {', '.join(told)}"
+    rows = (f"{name} {value} ± {sigma}" for name, (value, sigma, _) in checks.items())
+    return f"reference {data.get('reference')}: {', '.join(rows)}"
 
 
 def _all_of_it(data: Mapping[str, Any]) -> str:
@@ -203,7 +224,7 @@ def _reloaded(data: Mapping[str, Any]) -> str:
         return _all_of_it(data)
     noise = data.get("noise")
     learned = f" · threshold of a name by {noise.get('file')}" if isinstance(noise, Mapping) else ""
-    limits = f" · {told}" if (told := logged_limits_text(data)) else ""
+    limits = f" · {limited}" if (limited := logged_limits_text(data)) else ""
     return f"{data['file']}, SHA-256 {str(data.get('sha256'))[:12]}{learned}{limits}"
 
 
@@ -255,10 +276,10 @@ def _started(data: Mapping[str, Any]) -> str:
 def _reference(reference: object) -> str:
     if not isinstance(reference, Mapping):
         return "" if reference is None else f"reference {reference}"
-    told = f"reference {reference.get('number')}, {reference.get('origin')}, {reference.get('file')}"
+    named = f"reference {reference.get('number')}, {reference.get('origin')}, {reference.get('file')}"
     by = f" by {reference['who']}" if reference.get("who") else ""
     change = f", {reference['difference']}" if reference.get("difference") else ""
-    return f"{told}, SHA-256 {str(reference.get('sha256'))[:12]}{by}{change}"
+    return f"{named}, SHA-256 {str(reference.get('sha256'))[:12]}{by}{change}"
 
 
 _TEXTS: Mapping[str, Callable[[Mapping[str, Any]], str]] = {

@@ -8,11 +8,14 @@ import click
 from appliance.configuration.config import Config, load_config
 from appliance.service.control.client import ControlClient
 from appliance.service.control.server import ControlRefused
+from appliance.supervision.alarms import NOT_NOW
+from appliance.types import State
 from drivers.errors import ConfigurationError
 from drivers.files.atomic_file import check_writable, make_folder
 from tools.recalibration.paperwork import Begin, Signature
 from tools.recalibration.session import ScanSession
 from tools.recalibration.terminal import run
+from tools.shared.german import recognised
 from tools.shared.named_cart import SOCKET, named_or_own
 from tools.shared.spoken import language_of
 from tools.shared.status_watch import StatusWatch
@@ -21,6 +24,8 @@ from tools.shared.verification import reporting_change
 
 _LOOK_S = 0.2
 """Between two questions to the service during a live scan: four of its ticks."""
+_NOT_IN = (State.SELF_TEST.value, State.DEVICE_LOST.value, State.INTERNAL_FAULT.value)
+"""States in which no service begins to recalibrate, by its table (`appliance.supervision.supervisor`)."""
 _FOLDER = "calibrations"
 """Of the alarm log's folder: the package lets members of the group write there."""
 
@@ -54,7 +59,11 @@ def live_service(config_file: Path | None, socket: Path | None, feed: Path | Non
     if begun and begun["ended"] is None:
         what = f"{begun['who']} has recalibrated for {begun['since_s']:.0f} s"
         raise ControlRefused(what, str(control), "Wait, or end it there")
-    return LiveService(control, pictures, place, language_of(status))
+    language = language_of(status)
+    if status["state"] in _NOT_IN:
+        what = recognised(f"{NOT_NOW} {status['state']}", language)
+        raise ControlRefused(f"{what}: {recognised(status['reason'], language)}", str(control), status["remedy"])
+    return LiveService(control, pictures, place, language)
 
 
 def scan_live(service: LiveService, begin: Begin, signature: Signature | None) -> None:

@@ -63,8 +63,13 @@ def devices(status: Status) -> list[Item]:
     gone = set(_unknown(status["devices"]))
     found = [check for check in status["devices"] if check["value"] is not None or check["verdict"] == "FAULT"]
     items = [_watched(check, gone) for check in found]
-    items += [Item(device, False, what, "Mend it, or its cable") for device, what in status["lost"].items()]
+    items += [Item(device, False, what, _mend(what)) for device, what in status["lost"].items()]
     return items
+
+
+def _mend(what: str) -> str:
+    """Says what to do about a lost device; what is wrong with it often says so already."""
+    return "Mend that first, and repeat" if ". " in what else "Mend it, or its cable"
 
 
 def _unknown(checks: Sequence[Status]) -> Iterator[str]:

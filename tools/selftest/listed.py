@@ -18,7 +18,8 @@ def print_items(found: Sequence[Item], console: Console, language: str) -> None:
     table = Table.grid(padding=(0, 2))
     for item in found:
         mark, colour = _MARKS[item.green]
-        name, what, remedy = (recognised(text, language) for text in (item.name, item.what, item.remedy))
+        named = item.name.partition(" ")[0] if ":" in item.name else item.name  # of a lost device, before its URL
+        name, what, remedy = (recognised(text, language) for text in (named, item.what, item.remedy))
         said = f"{what}{'. ' if remedy else ''}{remedy}"  # with brackets, as [calibration] due_days
         if console.is_terminal:
             table.add_row(Text(f"{mark} {name}", style=colour), Text(said, style="" if item.green else colour))

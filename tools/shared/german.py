@@ -276,6 +276,25 @@ GERMAN_OF_TOOLS = {
         "Posen nach einem Sprung oder einer Lücke ein zweites Mal gelesen und dann verwendet: {number}"
     ),
     "this is no fault": "das ist kein Fehler",
+    # log
+    "estimate": "Schätzung",
+    "overloaded": "überlastet",
+    "overload-ended": "Überlastung beendet",
+    "wall-clock": "Uhrzeit",
+    "slept": "geschlafen",
+    "{share} % of the last second waiting for a processor": (
+        "{share} % der letzten Sekunde auf einen Prozessor gewartet"
+    ),
+    "{share} % of its ticks late": "{share} % seiner Takte verspätet",
+    "{number} pictures waiting": "{number} Bilder warten",
+    "after {seconds} s": "nach {seconds} s",
+    "{number} losses of devices meanwhile": "{number}-mal ein Gerät verloren",
+    "without an entry each: {said} ({text}) {times} times": "ohne eigenen Eintrag: {said} ({text}) {times}-mal",
+    "{said} ({text}) {times} times": "{said} ({text}) {times}-mal",
+    "overdue: {said}": "überfällig: {said}",
+    "not overdue any more": "nicht mehr überfällig",
+    "stepped by {seconds} s": "verstellt um {seconds} s",
+    "the computer slept for {seconds} s": "der Rechner hat {seconds} s lang geschlafen",
     # recalibrate
     "nothing was begun": "nichts wurde begonnen",
     "probe": "Sonde",

@@ -288,3 +288,35 @@ def test_the_log_of_a_german_cart_is_told_in_german(folder: Path) -> None:
     assert none.stderr.startswith("keiner der 7 Einträge passt\n")
     chosen = asked(folder, "--config", str(cart), "--state", "halt").stdout
     assert len(chosen.splitlines()) == 2, "options keep the words of the log"
+
+
+@pytest.mark.parametrize(
+    ("event", "data", "said"),
+    [
+        (Event.OVERLOADED, {"pressure": 0.62, "waiting_frames": 3}, "überlastet: 62 % der letzten Sekunde"),
+        (Event.OVERLOADED, {"late": 0.1}, "überlastet: 10 % seiner Takte verspätet"),
+        (
+            Event.OVERLOAD_ENDED,
+            {"for_s": 7.5, "device_losses": 2, "repeated": {"warning (video-lost)": 3, "halt (scale)": 1}},
+            "2-mal ein Gerät verloren, ohne eigenen Eintrag: Warnung (video-lost) 3-mal, Halt (scale) 1-mal",
+        ),
+        (
+            Event.ESTIMATE,
+            {"reference": 4, "checks": {"scale-axial": [0.1, 0.02, 5.0], "latency": [3.1, 5.0, 60.0]}},
+            "Schätzung: Referenz 4: Maßstab axial 0.1 ± 0.02, Verzögerung 3.1 ± 5.0",
+        ),
+        (Event.ESTIMATE, {"reference": 4, "checks": "of another version"}, "estimate: reference 4, checks of another"),
+        (Event.OVERDUE, {"overdue": None}, "Kalibrierfrist: nicht mehr überfällig"),
+        (Event.WALL_CLOCK, {"by_s": -3600.0}, "Uhrzeit: verstellt um -3600 s"),
+        (Event.SLEPT, {"for_s": 28800.0}, "der Rechner hat 28800.0 s lang geschlafen"),
+        (Event.GIVEN_UP, {"why": "given up for anna, gone"}, "recalibration given up: given up for anna, gone"),
+    ],
+)
+def test_figures_of_a_german_log_are_told_in_german_whole_or_not_at_all(
+    event: Event, data: dict[str, object], said: str, tmp_path: Path
+) -> None:
+    """Every five minutes a German log had an English line, and at every overload two."""
+    AlarmLog(tmp_path / "alarms").append(NOON, 1, event, data, None)
+    cart = tmp_path / "cart.toml"
+    cart.write_text('[alarm]\nlanguage = "de"\n')
+    assert said in asked(tmp_path / "alarms", "--config", str(cart), "--last", "1").stdout

@@ -83,3 +83,20 @@ def test_who_recalibrates_already_is_told_before_anybody_is_asked(
         }
         answer = answered("recalibrate", "--live", "--socket", service.path, "--folder", tmp_path)
     assert (answer.returncode, "ann, process 7 has recalibrated for 8 s. Wait" in answer.stderr) == (75, True), answer
+
+
+@pytest.mark.parametrize("state", ["device lost", "self-test", "internal fault"])
+def test_a_state_in_which_nothing_is_scanned_is_told_before_anybody_is_asked(
+    state: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Probe, depth and name were asked for first, and the refusal named neither what is wrong nor what to do."""
+    monkeypatch.setattr("click.prompt", lambda *_, **__: pytest.fail("asked, though nothing can be scanned"))
+    with Answering(tmp_path / "control") as service:
+        service.changes = {"state": state, "reason": "No answer from the tracker", "remedy": "Check its cable"}
+        answer = answered("recalibrate", "--live", "--socket", service.path, "--folder", tmp_path)
+        service.changes |= {"language": "de", "remedy": "Sein Kabel prüfen"}
+        german = answered("recalibrate", "--live", "--socket", service.path, "--folder", tmp_path)
+    assert answer.returncode == german.returncode == 75
+    assert f"not possible while {state}: No answer from the tracker. Check its cable" in answer.stderr
+    assert ": Tracker antwortet nicht. Sein Kabel prüfen" in german.stderr
+    assert "nicht möglich" in german.stderr

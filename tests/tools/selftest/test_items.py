@@ -4,11 +4,13 @@ from datetime import UTC, datetime, timedelta
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from drivers.samples import Frame, Pose, PoseStatus, Stamp
 from drivers.twins.scene.world import World, WorldSettings
 from tests.support.answering import recorded
 from tools.selftest import items
+from tools.selftest.listed import print_items
 
 NOW = datetime(2026, 11, 23, tzinfo=UTC)
 SILENCE_MS = 500.0
@@ -178,3 +180,16 @@ def test_a_value_beyond_its_limit_is_told_in_figures_that_a_person_reads() -> No
     silent |= {"value": 21433.813635, "limit": 500.0, "unit": "ms"}
     (one,) = items.devices({**recorded(), "devices": [silent], "lost": {}})[:1]
     assert one.what == "21434 ms, limit 500"
+
+
+def test_a_lost_device_has_one_remedy_and_its_url_does_not_make_the_list_as_wide_as_itself(capsys) -> None:
+    """Its own was followed by that of every device, and its URL stood where the names are."""
+    url = "ndi:/dev/tty0?probe=/etc/probewatch/probe.rom"
+    own = "/dev/tty0: no such serial port. Plug the cable in, or correct the path in the configuration"
+    lost = [
+        item for item in items.devices(recorded(lost={f"tracker {url}": own})) if item.name.startswith("tracker ndi")
+    ]
+    assert [item.remedy for item in lost] == ["Mend that first, and repeat"]
+    print_items(lost, Console(), "en")
+    assert f"tracker\t{own}. Mend that first, and repeat\n" in capsys.readouterr().out
+    assert items.devices(recorded(lost={"video sim:x": "is gone"}))[-1].remedy == "Mend it, or its cable"
