@@ -10,7 +10,8 @@ from drivers.trackers.pose_bounds import FURTHEST_MM
 
 _ROTATION_TOLERANCE = 2e-3
 """Largest error of RᵀR and of the last row that is rounding: PLUS prints six digits, and three would err by 1.7e-3.
-More takes a scaled matrix for a pose; an axis 2 % too long is refused (tests/drivers/recordings/test_metaimage.py).
+More takes a scaled matrix for a pose; an axis 2 % too long is refused
+(tests/drivers/recordings/test_metaimage_transforms.py).
 """
 
 WITHOUT_POSE = {

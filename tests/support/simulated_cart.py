@@ -10,21 +10,16 @@ Nothing here shows how fast the service is, nor what a killed process leaves beh
 
 import io
 import json
-import os
 import select
 import shutil
 import signal
-import socket
 import threading
-import traceback
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from datetime import UTC, datetime
-from itertools import count
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self, TypeVar
 
 import numpy as np
@@ -32,7 +27,6 @@ import structlog
 
 from appliance.configuration.config import load_config
 from appliance.core.line import Line
-from appliance.limits import Limits
 from appliance.service.control.client import ControlClient
 from appliance.service.control.deadline_worker import DeadlineWorker
 from appliance.service.control.references import References
@@ -40,19 +34,14 @@ from appliance.service.control.rights import Onlookers
 from appliance.service.control.server import ControlRefused, ControlServer
 from appliance.service.daemon import SOONEST_NS, Daemon, Surroundings
 from appliance.service.devices.cart_devices import Openers
-from appliance.service.estimator.link import LinkClosed
-from appliance.service.estimator.loop import Estimator, MakeLine
-from appliance.service.estimator.process_host import EstimatorHost
-from appliance.service.estimator.ring import FRAMES, POSES, Ring, RingFds
+from appliance.service.estimator.loop import MakeLine
 from appliance.service.host.log import configure, get_log
 from appliance.service.host.pressure import Pressure
 from appliance.storage.calibration_file import write_calibration
 from appliance.storage.image_to_probe import calibration_from_image_to_probe
 from appliance.supervision.supervisor import TICK_NS
-from drivers.clock.host_clock import HostClock
-from drivers.errors import DeviceLost
 from drivers.registry import open_output
-from drivers.samples import Frame, Pose, PoseStatus, Sample, Stamp
+from drivers.samples import Frame, Pose, PoseStatus, Stamp
 from drivers.twins.faults import FUTURE_S, Schedule, blank_image, pose_time_s, spoil_pose
 from drivers.twins.ndi.measurement import ONE_IN
 from drivers.twins.relay_board import Change
@@ -61,6 +50,7 @@ from drivers.twins.scene.world import World, WorldSettings
 from tests.support.boards import running_board
 from tests.support.manual_clock import SteppedClock, TimelessClock
 from tests.support.polling import until
+from tests.support.service_parts import ERR_NS, LOOK_MS, Device, EstimatorHere
 from tests.support.sessions import kept
 from tests.support.stand_in_daemon import TrustingLine
 
@@ -71,120 +61,9 @@ _TIMEOUT_S = 30.0
 """Of real time for which the service waits for a file: its own tenth of a second is what a busy computer may exceed."""
 _SERVED_S = 0.25
 """Of the cart's time that passes with each request of a program that knows nothing of this clock: some ticks."""
-_LOOK_MS = 5
-_ERR_NS = 100_000
 
 _T = TypeVar("_T")
 Event = dict[str, Any]
-
-
-class Device:
-    """A scanner or a tracker that makes a sample every period_ns. plugged: it can be opened. sends: it makes any."""
-
-    def __init__(self, clock: HostClock, period_ns: int, make: Callable[[int, int], Sample]) -> None:
-        self.clock, self.period_ns, self.make = clock, period_ns, make
-        self.plugged = self.sends = True
-
-    def opened(self, url: str, clock: HostClock) -> "OpenDevice":
-        """As the registry opens one."""
-        self.require(url)
-        return OpenDevice(self, url)
-
-    def require(self, url: str) -> None:
-        if not self.plugged:
-            raise DeviceLost("is not there", url, "Plug it in")
-
-
-class OpenDevice:
-    """One connection to it."""
-
-    def __init__(self, device: Device, url: str) -> None:
-        self._device, self._url, self._numbers = device, url, count()
-        self._due_ns = device.clock.now_ns()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None, /
-    ) -> None: ...
-
-    def read(self, timeout_s: float) -> Any:
-        """As a source promises."""
-        device, end_ns = self._device, self._device.clock.now_ns() + round(timeout_s * 1e9)
-        comes = device.sends and self._due_ns <= end_ns
-        device.clock.sleep_until(self._due_ns if comes else end_ns)
-        device.require(self._url)
-        if not (comes and device.sends):
-            self._due_ns = max(self._due_ns, device.clock.now_ns())
-            return None
-        due_ns, self._due_ns = self._due_ns, self._due_ns + device.period_ns
-        return device.make(due_ns, next(self._numbers))
-
-
-@dataclass(slots=True)
-class LoopHere:
-    """The estimator's loop in place of its process. stopped: it computes nothing, as after SIGSTOP."""
-
-    loop: Estimator
-    kept: ExitStack
-    code: int | None = None
-    stopped: bool = False
-    pid: int = os.getpid()
-
-    def compute(self) -> None:
-        """What has come since; a line that raises ends it, as it would end the process."""
-        if self.code is not None or self.stopped:
-            return
-        try:
-            self.loop.step()
-        except LinkClosed:
-            self._end(0)
-        except Exception:
-            traceback.print_exc()
-            self._end(1)
-
-    def poll(self) -> int | None:
-        return self.code
-
-    def wait(self, timeout: float | None, /) -> int:
-        assert self.code is not None
-        return self.code
-
-    def send_signal(self, number: int, /) -> None:
-        if self.code is None:
-            self._end(-number)
-
-    def _end(self, code: int) -> None:
-        self.code = code
-        self.kept.close()
-
-
-class EstimatorHere(EstimatorHost):
-    """The real host of a loop that runs in this process. here: the present one."""
-
-    def __init__(self, make_line: MakeLine, limits: Limits, stale_ns: int, clock: HostClock) -> None:
-        super().__init__(None, limits, stale_ns, clock=clock)
-        self._make_line, self._real_ns = make_line, clock.real_ns
-        self.here: LoopHere | None = None
-
-    def launch(self, fds: tuple[int, ...]) -> LoopHere:
-        link, *rings = (os.dup(fd) for fd in fds[:7])
-        with ExitStack() as opened:
-            ends = opened.enter_context(socket.socket(fileno=link))
-            frames = opened.enter_context(Ring(FRAMES, RingFds(*rings[:3])))
-            poses = opened.enter_context(Ring(POSES, RingFds(*rings[3:])))
-            loop = Estimator(ends, frames, poses, self._make_line, real_ns=self._real_ns)
-            self.here = LoopHere(loop, opened.pop_all())
-        return self.here
-
-    @property
-    def has_spoken(self) -> bool:
-        """Since the last tick."""
-        try:
-            return self._link is not None and bool(self._link.recv(1, socket.MSG_PEEK | socket.MSG_DONTWAIT))
-        except OSError:
-            return False
 
 
 class SimulatedCart:
@@ -255,10 +134,10 @@ class SimulatedCart:
         return self.folder / "alarms"
 
     def picture(self, t_ns: int, number: int) -> Frame:
-        return Frame(Stamp(t_ns, _ERR_NS), number, _PICTURE)
+        return Frame(Stamp(t_ns, ERR_NS), number, _PICTURE)
 
     def pose(self, t_ns: int, number: int) -> Pose:
-        return Pose(Stamp(t_ns, _ERR_NS), number, np.eye(4), 0.1, PoseStatus.OK)
+        return Pose(Stamp(t_ns, ERR_NS), number, np.eye(4), 0.1, PoseStatus.OK)
 
     def _trusting(self, *settings: Any) -> TrustingLine:
         return TrustingLine(*settings, lambda: self._fault)
@@ -407,7 +286,7 @@ class SimulatedCart:
         asking, control = select.poll(), self.control
         for link in (control._listener, *(client.link for client in (*control._silent, *control._clients))):
             asking.register(link, select.POLLIN)
-        return bool(asking.poll(_LOOK_MS))
+        return bool(asking.poll(LOOK_MS))
 
     def status(self) -> Event:
         with self.client() as client:
@@ -487,15 +366,15 @@ class WorldCart(SimulatedCart):
         if "flicker-blank" in active and number % 2:
             image = blank_image(image.shape, number)
         ahead_ns = round(FUTURE_S * 1e9) if "future-stamp" in active - before else 0
-        return Frame(Stamp(t_ns + ahead_ns, _ERR_NS), number, image)
+        return Frame(Stamp(t_ns + ahead_ns, ERR_NS), number, image)
 
     def pose(self, t_ns: int, number: int) -> Pose:
         t_s = (t_ns - self._origin_ns) / 1e9
         active = self.faults.active(t_s)
         if "missing" in active or ("sparse-poses" in active and number % ONE_IN):
-            return Pose(Stamp(t_ns, _ERR_NS), number, None, 0.1, PoseStatus.MISSING)
+            return Pose(Stamp(t_ns, ERR_NS), number, None, 0.1, PoseStatus.MISSING)
         measured = self.world.measured_pose(pose_time_s(t_s, active), number)
-        return Pose(Stamp(t_ns, _ERR_NS), number, spoil_pose(measured, active), 0.1, PoseStatus.OK)
+        return Pose(Stamp(t_ns, ERR_NS), number, spoil_pose(measured, active), 0.1, PoseStatus.OK)
 
 
 class _Ticking:

@@ -13,7 +13,7 @@ from drivers.trackers.ndi.wire import RefusedError
 
 _BACKWARD_READINGS = 3
 """Replies in a row with a counter that runs backward that mean a counter started again. Fewer take an old reply come
-late for one, each more costs a reply without a pose; tests/drivers/trackers/ndi/test_tracker.py shows both."""
+late for one, each more costs a reply without a pose; tests/drivers/trackers/ndi/ shows both."""
 
 _DETAILS_S = 0.1
 """Between two replies with marker details, which are over twice as long: ten of them in the second over which the

@@ -2,30 +2,25 @@
 
 import json
 import shutil
-import subprocess
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from appliance.core.quality.report import Change, LineReport, report_json
 from appliance.limits import Limits
 from appliance.service.devices.source_thread import TrackerThread
 from appliance.storage.calibration_file import write_calibration
 from appliance.supervision.timeline import Judging, Timeline
 from appliance.supervision.watchers.device_health import DeviceHealth, Timeouts
 from appliance.supervision.watchers.devices import watch_devices
-from appliance.types import Calibration, Check, Fault, State, Verdict, VerdictKind
+from appliance.types import Calibration, Fault, State, Verdict, VerdictKind
 from drivers.clock.host_clock import HostClock
 from drivers.recordings.metaimage_writing import write_metaimage
 from drivers.recordings.replay import open_recording
-from drivers.rigid import rotation_from_vector
 from drivers.samples import Frame, Pose, PoseStatus, Stamp
 from drivers.twins.faults import Episode, Schedule
 from tests.support.answers import answered
-from tests.support.recordings import PERIOD_NS, START_NS, items, picture, plus_file, turn
+from tests.support.recordings import PERIOD_NS, START_NS, items, picture, plus_file
 from tools.shared.inject import inject
 
 FRAME_PX = (48, 32)
@@ -49,76 +44,6 @@ def calibration(tmp_path):
 def spoiled(path, *episodes):
     samples = open_recording(path).samples()
     return list(inject(samples, Schedule(episodes), START_NS))
-
-
-def split(samples):
-    frames = [sample for sample in samples if isinstance(sample, Frame)]
-    return frames, [sample for sample in samples if isinstance(sample, Pose)]
-
-
-@pytest.mark.parametrize(("fault", "expected"), [("flip-lateral", np.s_[:, ::-1]), ("flip-vertical", np.s_[::-1])])
-def test_flips_act_from_their_time_on(session, fault, expected):
-    frames, _ = split(spoiled(session, Episode(fault, 1.6)))
-    np.testing.assert_array_equal(frames[19].image, picture(19, FRAME_PX))
-    np.testing.assert_array_equal(frames[20].image, picture(20, FRAME_PX)[expected])
-
-
-def test_freeze_repeats_pixels_under_fresh_stamps(session):
-    frames, _ = split(spoiled(session, Episode("freeze-video", 0.8)))
-    assert [frame.stamp.t_ns for frame in frames] == [START_NS + index * PERIOD_NS for index in range(40)]
-    assert [frame.sequence for frame in frames] == [100 + 2 * index for index in range(40)]
-    for index in (10, 25, 39):
-        np.testing.assert_array_equal(frames[index].image, picture(9, FRAME_PX))
-
-
-def test_freeze_from_the_start_repeats_the_first_picture(session):
-    frames, _ = split(spoiled(session, Episode("freeze-video", 0.0)))
-    np.testing.assert_array_equal(frames[39].image, picture(0, FRAME_PX))
-
-
-def test_latency_stamps_each_pose_late_and_keeps_time_order(session):
-    clean = {pose.sequence: pose for pose in split(spoiled(session))[1]}
-    samples = spoiled(session, Episode("latency", 0.0))
-    frames, poses = split(samples)
-    assert (len(frames), len(poses)) == (40, 40)
-    stamps = [sample.stamp.t_ns for sample in samples]
-    assert stamps == sorted(stamps)
-    for pose in poses:
-        assert pose.stamp.t_ns == clean[pose.sequence].stamp.t_ns + 100_000_000
-        np.testing.assert_array_equal(pose.matrix, clean[pose.sequence].matrix)
-
-
-def test_latency_in_mid_recording_leaves_no_gap(session):
-    _, poses = split(spoiled(session, Episode("latency", 1.6)))
-    stamps = np.array([pose.stamp.t_ns for pose in poses])
-    assert np.diff(stamps).max() <= 100_000_000
-    assert np.diff(stamps).min() > 0
-    assert stamps[-1] == START_NS + 39 * PERIOD_NS + 100_000_000
-
-
-def test_marker_faults_change_the_pose_on_the_sensor_side(session):
-    clean, bent, slid = (
-        split(spoiled(session, *episodes))[1]
-        for episodes in ([], [Episode("bend-marker", 0)], [Episode("slide-marker", 0)])
-    )
-    for before, after in zip(clean, bent, strict=True):
-        change = np.linalg.inv(before.matrix) @ after.matrix
-        assert np.degrees(np.arccos((np.trace(change[:3, :3]) - 1) / 2)) == pytest.approx(5.0)
-        np.testing.assert_allclose(change[:3, 3], 0, atol=1e-9)
-    for before, after in zip(clean, slid, strict=True):
-        change = np.linalg.inv(before.matrix) @ after.matrix
-        np.testing.assert_allclose(change[:3, :3], np.eye(3), atol=1e-9)
-        assert np.linalg.norm(change[:3, 3]) == pytest.approx(10.0, abs=0.1)
-
-
-def test_lost_and_stale_devices(session):
-    frames, poses = split(spoiled(session, Episode("lose-video", 0.8)))
-    assert (len(frames), len(poses)) == (10, 40)
-    frames, poses = split(spoiled(session, Episode("lose-tracker", 0.8)))
-    assert (len(frames), len(poses)) == (40, 10)
-    _, poses = split(spoiled(session, Episode("stale-tracker", 0.8)))
-    assert {pose.status for pose in poses[10:]} == {PoseStatus.STALE}
-    assert {pose.sequence for pose in poses[9:]} == {118}
 
 
 def timeline_of(samples, verdict):
@@ -250,191 +175,9 @@ def test_timeline_of_a_lost_device(session, fault, named):
     assert timeline.lasting_fault().fault == named
 
 
-def line_report(**changes):
-    covariance = np.diag([0.01, 0.02, 0.03, 0.1, 0.2, 1.0, 2.0, 3.0]) ** 2
-    estimate = Calibration(
-        rotation_from_vector(np.array([0.1, 0.2, 1.5])),
-        (-1, 1),
-        np.array([0.08, 0.07]),
-        np.array([1.0, 2.0, 3.0]),
-        FRAME_PX,
-        covariance,
-        (True,) * 7 + (False,),
-    )
-    check = Check("scale lateral", Fault.SCALE, 2.0, 0.4, "%", 5.0, VerdictKind.OK)
-    report = LineReport(
-        frames=10,
-        poses=11,
-        paired=8,
-        unpaired={"no pose after the frame": 2},
-        latency=Check("latency", Fault.LATENCY, -20.0, 30.0, "ms", 60.0, VerdictKind.OK),
-        estimate=estimate,
-        motions=7,
-        checks=(check, replace(check, name="scale axial", value=np.nan, verdict=VerdictKind.NOT_VERIFIED)),
-        verdict=Verdict(0, VerdictKind.FAULT, (), Fault.POLARITY, "mirrored"),
-    )
-    return replace(report, **changes)
-
-
-def test_json_is_the_documented_contract():
-    data = report_json(line_report(), [Change(0.5, State.DEVICE_LOST, Fault.VIDEO_LOST, "no picture")])
-    assert data == {
-        "version": 1,
-        "frames": 10,
-        "poses": 11,
-        "paired": 8,
-        "unpaired": {"no pose after the frame": 2},
-        "unusable_poses": {},
-        "latency": {"value_ms": -20.0, "sigma_ms": 30.0, "verdict": "OK"},
-        "tissue": None,
-        "calibration": {
-            "rotation_vector_rad": pytest.approx([0.1, 0.2, 1.5]),
-            "polarity": [-1, 1],
-            "scale_mm_per_px": [0.08, 0.07],
-            "offset_mm": [1.0, 2.0, 3.0],
-            "sigma": {
-                "rotation_vector_rad": pytest.approx([0.01, 0.02, 0.03]),
-                "scale_mm_per_px": pytest.approx([0.008, 0.014]),
-                "offset_mm": [pytest.approx(1.0), pytest.approx(2.0), None],
-            },
-            "observed": {
-                "rotation_vector_rad": [True, True, True],
-                "scale_mm_per_px": [True, True],
-                "offset_mm": [True, True, False],
-            },
-            "singular_values": pytest.approx(
-                sorted([*(np.deg2rad(1) / s for s in (0.01, 0.02, 0.03)), 0.1, 0.05, 1, 0.5, 1 / 3])[::-1]
-            ),
-            "motions": 7,
-        },
-        "second_opinion": None,
-        "point": None,
-        "checks": [
-            {
-                "name": "scale lateral",
-                "fault": "scale",
-                "value": 2.0,
-                "sigma": 0.4,
-                "unit": "%",
-                "limit": 5.0,
-                "ratio": 0.4,
-                "verdict": "OK",
-                "shown_age_s": None,
-            },
-            {
-                "name": "scale axial",
-                "fault": "scale",
-                "value": None,
-                "sigma": 0.4,
-                "unit": "%",
-                "limit": 5.0,
-                "ratio": None,
-                "verdict": "NOT_VERIFIED",
-                "shown_age_s": None,
-            },
-        ],
-        "verdict": "FAULT",
-        "fault": "polarity",
-        "proposal": None,
-        "limits": {"profile": "coarse", "beside": {}},
-        "rivals": [],
-        "timeline": [{"t_s": 0.5, "state": "device lost", "reason": "no picture"}],
-    }
-    json.dumps(data, allow_nan=False)
-
-
-def test_json_of_an_empty_report_has_every_key():
-    empty = line_report(latency=None, estimate=None, checks=(), unpaired={})
-    data = report_json(empty, [])
-    assert data["latency"] == {"value_ms": None, "sigma_ms": None, "verdict": "NOT_VERIFIED"}
-    assert data["calibration"]["rotation_vector_rad"] is None
-    assert data["calibration"]["sigma"]["offset_mm"] == [None, None, None]
-    assert data["calibration"]["observed"]["scale_mm_per_px"] == [False, False]
-    assert set(data) == set(report_json(line_report(), []))
-
-
-def test_the_document_names_every_key():
-    text = (Path(__file__).parents[3] / "docs" / "replay-report.md").read_text()
-    data = report_json(line_report(), [Change(0.0, State.MONITORING, None, "")])
-    for key in (*data, *data["calibration"]):
-        assert f"`{key}" in text or f"`calibration.{key}`" in text, key
-
-
 def run(*arguments):
     answer = answered("replay", *arguments)
     return answer.returncode, answer.stdout, answer.stderr
-
-
-def cut(path):
-    path.write_bytes(path.read_bytes()[:-100])
-
-
-def shorten_header(path):
-    path.write_bytes(path.read_bytes()[:600])
-
-
-def corrupt(path):
-    data = bytearray(path.read_bytes())
-    data[-20_000] ^= 0xFF
-    path.write_bytes(data)
-
-
-def colour(path):
-    path.write_bytes(path.read_bytes().replace(b"MET_UCHAR", b"MET_FLOAT"))
-
-
-def rename_transforms(path):
-    path.write_bytes(path.read_bytes().replace(b"_ProbeToTracker", b"_NeedleToTracker"))
-
-
-@pytest.mark.parametrize(
-    ("damage", "complaint"),
-    [
-        (cut, "CompressedDataSize promises"),
-        (shorten_header, "the header ends before ElementDataFile"),
-        (corrupt, "the compressed pictures are damaged"),
-        (colour, "ElementType is 'MET_FLOAT', not MET_UCHAR"),
-        (rename_transforms, "its transforms: NeedleToTracker, ReferenceToTracker"),
-        (Path.unlink, "cannot be read: No such file"),
-    ],
-)
-def test_a_bad_recording_is_one_line_and_65(session, calibration, damage, complaint):
-    damage(session)
-    code, out, err = run(session, "--calibration", calibration)
-    assert (code, out) == (65, "")
-    assert err.count("\n") == 1
-    assert err.startswith(f"probewatch: {session}: ")
-    assert complaint in err
-
-
-def no_rotation(path):
-    path.write_text(path.read_text().replace("[1.0, 0.0, 0.0]", "[1.1, 0.0, 0.0]"))
-
-
-def misspelt(path):
-    path.write_text(path.read_text().replace("offset_mm", "ofset_mm"))
-
-
-def other_size(path):
-    path.write_text(path.read_text().replace("[48, 32]", "[64, 32]"))
-
-
-@pytest.mark.parametrize(
-    ("damage", "complaint"),
-    [
-        (no_rotation, "rotation is not a rotation matrix"),
-        (misspelt, "ofset_mm"),
-        (other_size, "image_size_px is (64, 32), the pictures are (48, 32)"),
-        (Path.unlink, "cannot be read: No such file"),
-    ],
-)
-def test_a_bad_calibration_is_one_line_and_78(session, calibration, damage, complaint):
-    damage(calibration)
-    code, out, err = run(session, "--calibration", calibration)
-    assert (code, out) == (78, "")
-    assert err.count("\n") == 1
-    assert err.startswith(f"probewatch: {calibration}: ")
-    assert complaint in err
 
 
 @pytest.mark.parametrize(
@@ -464,71 +207,6 @@ def test_what_is_no_pose_is_no_fault_of_the_tracker_and_its_reason_is_told(
     assert said in err.splitlines()[-1]
     assert "40 poses cannot be used: " in err
     assert "fault" not in err.lower()
-
-
-@pytest.mark.parametrize("fault", ["melt", "depth@soon", "depth@-1", "depth@nan", "depth@"])
-def test_an_unknown_fault_is_a_usage_error(session, calibration, fault):
-    code, _, err = run(session, "--calibration", calibration, "--inject", fault)
-    assert code == 2
-    assert "Traceback" not in err
-
-
-def test_a_sentence_ends_once_where_a_name_is_guessed() -> None:
-    told = answered("replay", "a.igs.mha", "--inject", "flip").stderr
-    assert "Did you mean 'flip-lateral' or 'flip-vertical'? Use bend-marker" in told
-
-
-def test_a_recording_that_is_not_there_is_told_before_a_missing_option(tmp_path) -> None:
-    for name in ("box.mcap", "box.mc.html"):
-        (tmp_path / name).write_bytes(b"")
-    answer = answered("replay", tmp_path / "box.mcp")
-    assert (answer.returncode, f"Did you mean '{tmp_path}/box.mcap'?" in answer.stderr) == (65, True), answer.stderr
-    assert "--calibration" not in answer.stderr
-
-
-def test_a_fault_that_begins_after_the_recording_is_a_usage_error(session, calibration):
-    """Nothing would be spoiled, and the report would say so all the same."""
-    code, out, err = run(session, "--calibration", calibration, "--inject", "depth@1", "--inject", "flip-lateral@30")
-    assert (code, out) == (2, "")
-    assert "flip-lateral@30 begins after the recording, which ends at 3.1 s" in err
-
-
-@pytest.mark.parametrize(
-    ("statuses", "said"),
-    [
-        (["INVALID"] * 40, "no picture has a pose: ProbeToTracker is INVALID"),
-        (["INVALID"] * 30 + ["OK"] * 10, "only 10 of 40 pictures have a pose: ProbeToTracker is INVALID"),
-    ],
-)
-def test_where_most_pictures_have_no_pose_the_verdict_says_why(tmp_path, calibration, statuses, said):
-    poses = [turn(0.1, 10.0 * index) if status == "OK" else None for index, status in enumerate(statuses)]
-    kept = [
-        replace(item, transforms={"ProbeToTracker": pose})
-        for item, pose in zip(items(40, FRAME_PX), poses, strict=True)
-    ]
-    write_metaimage(tmp_path / "lost.igs.mha", kept, FRAME_PX)
-    code, out, _ = run(tmp_path / "lost.igs.mha", "--calibration", calibration)
-    assert code == 0
-    assert f"verdict: NOT_VERIFIED  {said}" in out
-
-
-def test_poses_without_pictures_are_told_as_that(tmp_path, calibration):
-    """And not as a calibration without a size."""
-    write_metaimage(tmp_path / "poses.mha", [replace(item, image=None) for item in items(9)], None)
-    calibration.write_text("<PlusConfiguration/>")
-    code, _, err = run(tmp_path / "poses.mha", "--calibration", calibration)
-    assert code == 65
-    assert "holds no pictures. Give those, and this with --poses" in err
-
-
-def test_the_console_script_ends_bad_input_without_traceback(session, calibration):
-    cut(session)
-    script = Path(sys.executable).with_name("probewatch")
-    arguments = [script, "replay", session, "--calibration", calibration]
-    done = subprocess.run(arguments, capture_output=True, text=True, timeout=60, check=False)
-    assert done.returncode == 65
-    assert done.stderr.count("\n") == 1
-    assert "copy it again" in done.stderr
 
 
 def test_a_report_is_made_and_written(session, calibration, tmp_path):

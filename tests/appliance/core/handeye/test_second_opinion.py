@@ -11,7 +11,7 @@ from appliance.types import Calibration
 from drivers.rigid import rotation_from_vector, vector_from_rotation
 from tests.support.motions import TRUTH, planar_path, tilting_path
 from tests.support.windows import elevational_path, filled
-from tests.tools.commands.test_replay import line_report
+from tests.tools.shared.test_json_report import line_report
 
 
 def asked(path, reference: Calibration = TRUTH, seconds: float = 10.0, seed: int = 1, **world) -> SecondOpinion | None:  # type: ignore[no-untyped-def]

@@ -1,10 +1,7 @@
 """The Optotrak driver against the simulated server on real sockets, and against servers that misbehave."""
 
 import json
-import signal
 import socket
-import struct
-import subprocess
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -15,12 +12,9 @@ from threading import Thread
 import numpy as np
 import pytest
 
-from drivers.clock.host_clock import HostClock
 from drivers.device_api import Identified
-from drivers.errors import ConfigurationError, DeviceLost
+from drivers.errors import DeviceLost
 from drivers.io.byte_log import Direction, read_log
-from drivers.io.tcp_line import parse_address
-from drivers.registry import open_tracker as open_by_url
 from drivers.samples import PoseStatus
 from drivers.trackers.optotrak.rtc3d import (
     Body,
@@ -28,7 +22,6 @@ from drivers.trackers.optotrak.rtc3d import (
     Component,
     ComponentType,
     DataFrame,
-    NoData,
     PacketType,
     Text,
     command,
@@ -36,12 +29,10 @@ from drivers.trackers.optotrak.rtc3d import (
     encode_packet,
     packet_length,
 )
-from drivers.trackers.optotrak.tracker import open_tracker, parse_options
-from drivers.twins.scene.world import World
+from drivers.trackers.optotrak.tracker import open_tracker
 from drivers.twins.tool_motion import PROBE, REFERENCE
 from tests.support.manual_clock import ManualClock
 from tests.support.optotrak_logs import LOGS, OPTIONS, play
-from tests.support.simulated import PROBEWATCH
 from tests.support.simulated_optotrak import Bench, bench, moving, poses, until
 from tests.support.stopwatch import Stopwatch
 
@@ -339,32 +330,6 @@ def reply(text: str, kind: PacketType = PacketType.COMMAND, nul: bool = True) ->
     return encode_packet(Text(kind, text, nul), ByteOrder.BIG)
 
 
-@pytest.mark.parametrize(
-    ("script", "words"),
-    [
-        ([reply("Error-No licence", PacketType.ERROR)], "the server refuses 'Version 1.0': the server reports: No lic"),
-        (
-            [reply("1.0"), reply("ok"), reply("Error-", PacketType.ERROR)],
-            "'StreamFrames AllFrames 6D Events': the ",
-        ),
-        ([b"HTTP/1.1 400 Bad Request\r\n\r\n"], "the stream cannot be followed"),
-        ([b""], "no reply to 'Version 1.0'"),
-        ([reply("1.0"), encode_packet(NoData(), ByteOrder.BIG) * 3], "no reply to 'SetByteOrder BigEndian'"),
-        ([reply("1.0")[:9]], "no reply to 'Version 1.0'"),
-        ([encode_packet(NoData(), ByteOrder.BIG) * 1_000_000], "no reply to 'Version 1.0'"),
-    ],
-)
-def test_a_server_that_does_not_play_along_is_named(script: list[bytes], words: str) -> None:
-    clock = HostClock(rate=8.0)
-    with hand_made(*script) as (target, _):
-        watch = Stopwatch()
-        with pytest.raises(DeviceLost) as loss:
-            open_tracker(target, {}, clock)
-        assert watch.spent_s() < 1.0, "the whole handshake shares one deadline"
-    assert words in loss.value.what
-    assert loss.value.where == f"optotrak://{target}"
-
-
 def test_stamps_are_true_although_frames_come_late_and_the_clocks_differ() -> None:
     """60 frames per second, 100 ppm fast, delays of 16 ms mean and bursts to 70 ms."""
     chance, clock = np.random.default_rng(5), ManualClock()
@@ -417,154 +382,3 @@ def test_a_recorded_server_decodes_as_it_did(name: str) -> None:
             world = {tool: moving(tool, entry["frame"] / 100, 0) for tool in (PROBE, REFERENCE)}
             true = np.linalg.inv(world[REFERENCE]) @ world[PROBE] if "reference" in OPTIONS[name] else world[PROBE]
             np.testing.assert_allclose(entry["matrix"], true[:3], atol=1.5e-3)
-
-
-def test_a_byte_log_that_cannot_be_written_is_refused() -> None:
-    with bench() as cart, pytest.raises(ConfigurationError, match="the byte log cannot be written"):
-        cart.open(log="/no/such/folder/bytes.log")
-
-
-def test_replies_may_lack_the_nul_and_come_with_strays_between() -> None:
-    stray = encode_packet(NoData(), ByteOrder.BIG) + reply("<a/>", PacketType.XML)
-    script = [reply("Welcome") + reply("1.0", nul=False), stray + reply("x"), reply("y", nul=False) + reply("z")]
-    with hand_made(*script, 0.1) as (target, _), open_tracker(target, {}, HostClock()) as tracker:
-        assert tracker.read(0.05) is None
-
-
-def test_a_connection_that_goes_dead_while_open_is_noticed() -> None:
-    """Half open: the peer is gone without a word, as when its power fails."""
-    script = [reply("1"), reply("2"), reply("3")]
-    with hand_made(*script, 0.6) as (target, _), open_tracker(target, {}, HostClock()) as tracker:
-        watch = Stopwatch()
-        with pytest.raises(DeviceLost, match="sent no frame for 200 ms"):
-            tracker.read(5.0)
-        assert watch.elapsed_s() > 0.15
-        assert watch.spent_s() < 0.45
-
-
-def test_a_long_pause_of_the_owner_is_not_the_silence_of_the_server() -> None:
-    with bench() as cart, cart.open(deadline_ms="50") as tracker:
-        poses(tracker, 2)
-        time.sleep(0.3)
-        assert {pose.status for pose in poses(tracker, 10)} == {PoseStatus.OK}
-
-
-def test_nobody_there_is_said_at_once() -> None:
-    with socket.create_server(("127.0.0.1", 0)) as door:
-        port = door.getsockname()[1]
-    with pytest.raises(DeviceLost, match="nothing listens there"):
-        open_by_url(f"optotrak://127.0.0.1:{port}", HostClock())
-
-
-def test_an_unknown_name_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    def unknown(*_args: object, **_options: object) -> None:
-        raise socket.gaierror(-2, "Name or service not known")
-
-    monkeypatch.setattr(socket, "getaddrinfo", unknown)
-    with pytest.raises(DeviceLost, match="the name is unknown"):
-        open_by_url("optotrak://tracker.invalid", HostClock())
-
-
-def test_a_resolver_that_hangs_does_not_hang_us(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(socket, "getaddrinfo", lambda *_args, **_options: time.sleep(0.8) or [])
-    watch = Stopwatch()
-    with pytest.raises(DeviceLost, match="not resolved within"):
-        open_by_url("optotrak://tracker.invalid", HostClock(rate=10.0))
-    assert watch.spent_s() < 0.6
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        ({"bodies": "1"}, "unknown option 'bodies'"),
-        ({"body": "0"}, "body=0 cannot be used. Use a whole number from 1 to 255"),
-        ({"body": "one"}, "body=one"),
-        ({"body": "2", "reference": "2"}, "the same rigid body"),
-        ({"reference": "1"}, "the same rigid body"),
-        ({"mode": "burst"}, "mode=burst cannot be used. Use stream or single"),
-        ({"order": "middle"}, "order=middle cannot be used. Use big or little"),
-        ({"rate": "0"}, "rate=0"),
-        ({"rate": "4"}, "rate=4 is too slow for the deadline. Use deadline_ms=500"),
-        ({"deadline_ms": "nan"}, "deadline_ms=nan"),
-        ({"latency_ms": "-1"}, "latency_ms=-1"),
-    ],
-)
-def test_options_that_cannot_work_are_refused_by_name(options: dict[str, str], words: str) -> None:
-    with pytest.raises(ConfigurationError) as refusal:
-        parse_options(options, "optotrak://host")
-    assert words in str(refusal.value)
-
-
-@pytest.mark.parametrize(
-    ("target", "address"),
-    [("host", ("host", 3020)), ("10.0.0.7:99", ("10.0.0.7", 99)), ("[::1]:5", ("::1", 5)), ("[::1]", ("::1", 3020))],
-)
-def test_addresses(target: str, address: tuple[str, int]) -> None:
-    assert parse_address(target, 3020, "") == address
-
-
-@pytest.mark.parametrize("target", ["", "::1", "host:", "host:0", "host:65536", "host:a", "a b", "[::1", "host/x:1"])
-def test_what_is_no_address_is_refused(target: str) -> None:
-    with pytest.raises(ConfigurationError, match="is not an address"):
-        parse_address(target, 3020, "optotrak:")
-
-
-def said(line: socket.socket, text: str, kind: PacketType, nul: bool = True) -> list[Text]:
-    """Packets up to the first of that kind."""
-    line.sendall(encode_packet(Text(PacketType.COMMAND, text, nul), ByteOrder.BIG))
-    found, data = [], b""
-    while True:
-        while (length := packet_length(data)) is None or len(data) < length:
-            more = line.recv(4096)
-            assert more
-            data += more
-        found.append(decode_packet(data[:length], ByteOrder.BIG))
-        data = data[length:]
-        if isinstance(found[-1], Text) and found[-1].kind is kind:
-            return found
-
-
-def test_the_server_speaks_as_the_fact_sheet_says() -> None:
-    with bench() as cart, socket.create_connection(cart.twin.address) as line:
-        line.settimeout(5)
-        assert said(line, "version 1.0", PacketType.COMMAND, nul=False)[0].terminated is False
-        assert said(line, "Version 1.0", PacketType.COMMAND)[0].terminated is True
-        assert "not understood" in said(line, "Dance", PacketType.ERROR)[0].text
-        assert "not understood" in said(line, "", PacketType.ERROR)[0].text
-        assert "not understood" in said(line, "StreamFrames Frequency:0", PacketType.ERROR)[0].text
-        assert "not understood" in said(line, "StreamFrames AllFrames 5D", PacketType.ERROR)[0].text
-        assert "<Body>" in said(line, "SendParameters All", PacketType.XML)[1].text
-        said(line, "StreamFrames FrequencyDivisor:2 All", PacketType.COMMAND)
-        said(line, "StreamFrames Stop", PacketType.COMMAND)
-        said(line, "Bye", PacketType.COMMAND)
-        assert line.recv(100) == b""
-
-
-def test_a_client_that_sends_nonsense_is_dropped_and_others_stay() -> None:
-    with bench() as cart, cart.open() as tracker:
-        with socket.create_connection(cart.twin.address) as line:
-            line.settimeout(5)
-            line.sendall(struct.pack(">II", 3, 1))
-            with pytest.raises((ConnectionResetError, AssertionError)):
-                assert line.recv(100) != b""
-        poses(tracker, 3)
-
-
-def test_the_twin_is_a_process_of_its_own() -> None:
-    origin_ns = time.monotonic_ns()
-    command = [*PROBEWATCH, "simulate", "optotrak", "--tcp", "0", "--origin-ns", str(origin_ns)]
-    command += ["--seed", "4", "--schedule", '[{"fault": "slide-marker", "from_s": 1e6}]']
-    twin = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    try:
-        assert twin.stdout is not None
-        ready = json.loads(twin.stdout.readline())
-        with open_by_url(ready["url"], HostClock(origin_ns=origin_ns)) as tracker:
-            pose = tracker.read(5.0)
-        assert pose is not None
-        np.testing.assert_allclose(pose.matrix, World(4).measured_pose(pose.sequence / 100, pose.sequence), atol=1e-3)
-        twin.send_signal(signal.SIGTERM)
-        _, errors = twin.communicate(timeout=10)
-        assert (twin.returncode, errors) == (0, "")
-    finally:
-        twin.kill()
-        twin.communicate()
