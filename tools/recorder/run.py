@@ -5,7 +5,6 @@ queue stays with the feed, which leaves samples out and says how many.
 """
 
 import errno
-import fcntl
 import json
 import os
 import queue
@@ -32,6 +31,7 @@ from appliance.service.feed.request import FeedRequest
 from appliance.service.host.unix_socket import Lines, connected, listening
 from drivers.errors import ConfigurationError, DeviceLost, ProbewatchError, system_words
 from drivers.files.atomic_file import make_folder
+from drivers.files.lock import held_lock
 from drivers.printable import printable
 from tools.recorder.recorder import Keeping, Recorder
 from tools.recorder.ring import Bounds, DiskRing
@@ -226,13 +226,10 @@ def _needing(key: str, path: Path) -> Iterator[None]:
 def _locked(folder: Path) -> int:
     """Descriptor of a lock that another recorder of this folder would hold. Raises OSError."""
     make_folder(folder, 0o750)
-    descriptor = os.open(folder / ".lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o640)
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        os.close(descriptor)
+        return held_lock(folder / ".lock")
+    except BlockingIOError:
         raise OSError(errno.EBUSY, "another recorder writes there") from None
-    return descriptor
 
 
 def _recorder(config: Config, say: Callable[[str], None]) -> Recorder:

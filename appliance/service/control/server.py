@@ -15,7 +15,6 @@ who asks what is wrong when all others have run out.
 
 import contextlib
 import errno
-import fcntl
 import json
 import os
 import socket
@@ -32,6 +31,7 @@ from appliance.service.host.request_line import request_fields
 from appliance.service.host.unix_socket import listening
 from drivers.closable import Closable
 from drivers.errors import ConfigurationError, DeviceLost, ProbewatchError
+from drivers.files.lock import held_lock
 from drivers.printable import printable_value
 
 VERSION = 1
@@ -160,18 +160,12 @@ class ControlServer(Closable):
     def _locked(self) -> int:
         lock = self._path.with_name(self._path.name + ".lock")
         try:
-            fd = os.open(lock, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
-        except OSError as error:
-            raise self._unusable(error) from None
-        with contextlib.suppress(OSError):
-            os.fchmod(fd, 0o600)  # an earlier version let the group open it, and so hold it
-        try:
-            fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return held_lock(lock)
         except BlockingIOError:
-            os.close(fd)
             what, where = f"another {self._owner.name} is running here", self._owner.where or str(self._path)
             raise DeviceLost(what, where, self._owner.remedy) from None
-        return fd
+        except OSError as error:
+            raise self._unusable(error) from None
 
     def _unusable(self, error: OSError) -> ConfigurationError:
         where = self._owner.where or f"[control] socket = '{self._path}'"

@@ -2,6 +2,7 @@
 
 import errno
 import os
+import stat
 import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -347,6 +348,13 @@ def test_a_folder_has_one_recorder(tmp_path: Path) -> None:
         run._locked(tmp_path)
     os.close(held)
     os.close(run._locked(tmp_path))
+
+
+def test_nobody_but_the_recorder_may_open_its_lock_and_so_hold_it(tmp_path: Path) -> None:
+    """Also where an earlier version let the group read it."""
+    (tmp_path / ".lock").touch(0o640)
+    os.close(run._locked(tmp_path))
+    assert stat.S_IMODE((tmp_path / ".lock").stat().st_mode) == 0o600
 
 
 def test_status_of_a_disk(tmp_path: Path) -> None:
