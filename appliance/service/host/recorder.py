@@ -19,8 +19,13 @@ from appliance.storage.alarm_log import AlarmLog
 from appliance.supervision.alarms import HAZARDS
 from appliance.types import Fault, Kind
 from drivers.clock.host_clock import HostClock
+from drivers.errors import DeviceLost
+from drivers.files.atomic_file import make_folder
+from drivers.files.lock import held_lock
 from drivers.printable import printable_value
 
+LOCK = ".lock"
+"""File in the folder of the alarm log that the service holds."""
 _MOST_WAITING = 10_000
 """Entries, while the disk does not take them. More takes memory, fewer lose entries sooner (docs/failures.md)."""
 _LOOK_S = 10.0
@@ -50,7 +55,8 @@ class _Note:
 
 class Recorder(threading.Thread):
     """Runs from its construction on, which opens the log, so that what was latched is known before the first tick.
-    Where that takes more than two seconds it is not known, which is damage.
+    Where that takes more than two seconds it is not known, which is damage. Construction raises DeviceLost where
+    another service writes there.
 
     latch, damage: of the last run, see appliance.storage.alarm_log.AlarmLog. written: number of the last entry on the
     disk. dropped: notes that did not fit into memory either. free_bytes: room that the disk has for the log, None while
@@ -65,6 +71,7 @@ class Recorder(threading.Thread):
         self._ending = False
         self._log = get_log(folder=str(folder))
         self._alarm_log: AlarmLog | None = None
+        self._lock_fd: int | None = None
         self._error: str | None = None
         self._asked_ns: int | None = None
         self._said_silent = False
@@ -77,6 +84,8 @@ class Recorder(threading.Thread):
         self.free_bytes: int | None = None
         self.start()
         self._opened.wait(OPEN_S)
+        if isinstance(self.failure, DeviceLost):
+            raise self.failure
         with self._damage_lock:
             if self._alarm_log is None:
                 self.damage = (Fault.MEMORY_DAMAGED,)  # what was latched is not known
@@ -144,6 +153,7 @@ class Recorder(threading.Thread):
         except BaseException as error:
             self.failure = error
         finally:
+            self._let_others_in()  # the descriptor is of this thread alone
             self._opened.set()
 
     def _silence(self) -> str | None:
@@ -210,6 +220,8 @@ class Recorder(threading.Thread):
     def _open(self) -> None:
         try:
             with self._asking():
+                make_folder(self._folder)
+                self._keep_out_others()
                 opened = AlarmLog(self._folder)
         except OSError as error:
             self._note_failure(error)
@@ -220,6 +232,26 @@ class Recorder(threading.Thread):
             self.damage = tuple(dict.fromkeys((*self.damage, *map(_integrity_class, opened.damage))))
         for damage in opened.opened.damages:
             self._log.warning("alarm log", damage=str(damage))
+
+    def _keep_out_others(self) -> None:
+        """Two services would number their entries alike, and one would take back what the other has latched. Where the
+        disk takes no lock, nobody is kept out. Raises DeviceLost.
+        """
+        self._let_others_in()
+        try:
+            self._lock_fd = held_lock(self._folder / LOCK)
+        except BlockingIOError:
+            remedy = "Stop it first, or give this one another folder"
+            raise DeviceLost(
+                "another probewatch service keeps its alarm log there", f"[alarm] folder = '{self._folder}'", remedy
+            ) from None
+        except OSError as error:
+            self._log.warning("no lock keeps a second service out", why=error.strerror or str(error))
+
+    def _let_others_in(self) -> None:
+        held, self._lock_fd = self._lock_fd, None
+        if held is not None:
+            os.close(held)
 
     @contextmanager
     def _asking(self) -> Iterator[None]:

@@ -5,11 +5,13 @@ import resource
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 import pytest
 
 from appliance.service.control.server import ControlRefused
 from appliance.storage.alarm_chain import MEMORY, read_log
+from drivers.errors import DeviceLost
 from drivers.twins.relay_board import RelayBoard
 from tests.support.answers import Answer, answered
 from tests.support.boards import running_board
@@ -40,6 +42,27 @@ def test_a_latched_state_outlives_the_process_and_needs_a_person(monitoring: Sim
     assert monitoring.status()["latched"] is not None, "verification alone frees nothing"
     assert monitoring.acknowledge()
     monitoring.wait_for("monitoring")
+
+
+def test_a_second_service_on_the_same_folder_takes_no_latch_away(monitoring: SimulatedCart, tmp_path: Path) -> None:
+    """As one that was started by hand with another socket: it was acknowledged there, and the first one then forgot."""
+
+    class Beside(SimulatedCart):
+        @property
+        def alarms(self) -> Path:
+            return monitoring.alarms
+
+    monitoring.say("scale")
+    monitoring.wait_for("halt")
+    before = monitoring.until(lambda: not monitoring.status()["log"]["waiting"] and monitoring.status()["log"])
+    beside = tmp_path / "beside"
+    beside.mkdir()
+    with pytest.raises(DeviceLost, match="another probewatch service keeps its alarm log there"):
+        Beside(beside).__enter__()
+    assert len(read_log(monitoring.alarms).entries) == before["entries"]
+    monitoring.say(None)
+    restart(monitoring)
+    assert monitoring.status()["latched"] == "halt"
 
 
 def test_acknowledging_while_the_cause_stands_waits_for_the_verification(monitoring: SimulatedCart) -> None:

@@ -8,6 +8,7 @@ import io
 import json
 import os
 import shutil
+import stat
 import threading
 import time
 from collections.abc import Iterator
@@ -23,11 +24,12 @@ from appliance.service.host import recorder as room
 from appliance.service.host.log import configure
 from appliance.service.host.own_files import own_files
 from appliance.service.host.recorder import Recorder
-from appliance.storage.alarm_chain import MEMORY, Latch
+from appliance.storage.alarm_chain import MEMORY, Event, Latch
 from appliance.storage.alarm_log import AlarmLog
 from appliance.supervision.supervisor import Inputs
 from appliance.types import State
 from drivers.clock.host_clock import HostClock
+from drivers.errors import DeviceLost
 from tests.support.polling import until
 from tests.support.stopwatch import Stopwatch
 
@@ -264,3 +266,28 @@ CONFIG = Config.model_validate(
 def test_a_latch_of_another_version_comes_back_latched(latch: Latch, state: State, fault: str | None) -> None:
     alarm = supervisor_after(latch, CONFIG.supervisor.durations()).step(0, Inputs())
     assert (alarm.state, alarm.fault, alarm.latched, alarm.energised) == (state, fault, state, False)
+
+
+def test_a_folder_has_one_service(recorder: Recorder, tmp_path: Path) -> None:
+    with pytest.raises(DeviceLost, match="another probewatch service keeps its alarm log there"):
+        Recorder(tmp_path / "log", HostClock())
+    assert stat.S_IMODE((tmp_path / "log" / ".lock").stat().st_mode) == 0o600, "no member of the group may hold it"
+    recorder.close()
+    Recorder(tmp_path / "log", HostClock()).close()
+
+
+def test_a_folder_that_was_taken_away_and_made_again_is_held_again(recorder: Recorder, tmp_path: Path) -> None:
+    shutil.rmtree(tmp_path / "log")
+    recorder.note(Event.STATE, None)
+    until(lambda: recorder.waiting == 0)
+    with pytest.raises(DeviceLost, match="another probewatch service"):
+        Recorder(tmp_path / "log", HostClock())
+
+
+def test_a_disk_that_takes_no_lock_keeps_nobody_out(tmp_path: Path, said: list[dict[str, object]]) -> None:
+    (tmp_path / ".lock").mkdir()
+    recorder = Recorder(tmp_path, HostClock())
+    recorder.note(Event.STATE, None)
+    recorder.close()
+    assert (recorder.written, recorder.damage) == (2, ()), "the beginning of the chain, and the entry"
+    assert any(line["event"] == "no lock keeps a second service out" for line in said)
