@@ -7,7 +7,7 @@ import pytest
 
 from appliance.core.path.window import PathWindow
 from appliance.types import DRAGS, PRESSES, Calibration, TissuePath
-from drivers.rigid import Array, rotation_from_vector
+from drivers.rigid import Array, rigid, rotation_from_vector
 from tests.support.motions import TRUTH, planar_path, tilting_path
 from tests.support.windows import elevational_path, filled
 
@@ -142,3 +142,27 @@ def test_a_wrong_axial_scale_does_not_make_tissue_that_follows_rigid() -> None:
         assert motion.tissue is not None
         hidden.add(replace(motion, tissue=replace(motion.tissue, path_rad=motion.tissue.path_rad * told)))
     assert hidden.look_at_tissue(0.0) & PRESSES
+
+
+def oblique(seconds: float, aslant: float, follows: float = 0.0, drags: float = 0.0) -> PathWindow:
+    """Of a hand that turns about one axis beside the elevational, so that its lateral turn is a share of that turn."""
+
+    def path(t_s: Array) -> Array:
+        turn_rad = 0.1 * np.sin(1.7 * t_s)
+        turns = np.stack([aslant * turn_rad, 0 * t_s, turn_rad], axis=1)
+        return rigid(rotation_from_vector(turns), planar_path(t_s)[:, :3, 3])
+
+    return with_tissue(filled(path, seconds), follows, drags, noise=0.1)
+
+
+@pytest.mark.parametrize("aslant", [0.15, 0.3, 0.5])
+@pytest.mark.parametrize(("follows", "drags", "may"), [(0.0, 0.0, 0), (0.15, 0.0, ALL), (0.0, 0.4, DRAGS)])
+def test_a_hand_that_turns_about_one_oblique_axis_shows_what_tissue_does(
+    aslant: float, follows: float, drags: float, may: int
+) -> None:
+    assert oblique(20.0, aslant, follows, drags).look_at_tissue(0.0) == may
+
+
+def test_a_turn_half_way_to_the_lateral_axis_shows_no_tissue_to_be_rigid() -> None:
+    """A rotation that is wrong by its limit would pass for a share of .05."""
+    assert oblique(20.0, 1.0).look_at_tissue(0.0) == ALL
