@@ -66,6 +66,15 @@ def test_over_tissue_that_may_give_way_a_probe_that_hardly_turns_shows_nothing(t
         assert any(found.observed) is (tells or rigid_tissue), found
 
 
+@pytest.mark.parametrize(("rows", "tells"), [(200, False), (300, True)])
+def test_over_tissue_that_may_give_way_a_shallow_picture_shows_nothing(rows: int, tells: bool) -> None:
+    """Of 14 mm and 21: in the first the drag of the skin is too much like a turn."""
+    truth = replace(TRUTH, image_size_px=(640, rows))
+    for rigid_tissue in (False, True):
+        given = samples(tilting_path, 240, 2, motions.Noise(), truth, rigid_tissue=rigid_tissue)
+        assert PathResidual.of(given, truth).is_informative is (tells or rigid_tissue)
+
+
 @pytest.mark.parametrize("axis", [0, 1])
 def test_tissue_that_is_sheared_by_a_press_or_by_drag_has_not_turned(axis: int) -> None:
     """By .05° for 1 mm, as the probe twists in step with that. Taken for a turn, it is a wrong rotation."""
