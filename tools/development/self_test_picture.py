@@ -18,6 +18,7 @@ from tools.selftest.listed import print_items
 
 PICTURE = Path(__file__).parents[2] / "docs" / "pictures" / "self-test.svg"
 _COLUMNS = 110
+"""Of the drawn terminal. Fewer wrap the longest item, more leave an empty margin."""
 
 
 def picture(record: dict[str, Any]) -> str:
