@@ -34,6 +34,7 @@ from appliance.storage.reference_store import FOLDER, Entry, content_of, set_asi
 from appliance.types import Calibration
 from drivers.errors import ConfigurationError
 from drivers.files.atomic_file import check_new, writing
+from drivers.printable import LONGEST_TEXT, printable
 from tools.commands.calibration_measured import command as measured
 from tools.shared.alarm_history import references_in
 from tools.shared.german import recognised, told
@@ -124,7 +125,8 @@ def show(number: int | None, folder: Path, content: bool) -> None:
         (told("offset", language), f"{numbers_text(calibration.offset_mm, 2)} mm (lateral, axial, elevational)"),
         (told("polarity", language), f"{numbers_text(calibration.polarity, 0)} (lateral, axial)"),
     ):
-        click.secho(f"{name:<14}{text}", fg="yellow" if name == "!" else None)
+        said = printable(text, LONGEST_TEXT)  # the terminal obeys colours and cursor movements
+        click.secho(f"{name:<14}{said}", fg="yellow" if name == "!" else None)
 
 
 def _paperwork(folder: Path, entry: Entry, language: str) -> Iterator[tuple[str, str]]:

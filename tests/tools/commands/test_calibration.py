@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from click.testing import CliRunner
 from rich.console import Console
 
 from appliance.configuration.config import Config
@@ -21,6 +22,7 @@ from tests.appliance.configuration.test_config import GOOD
 from tests.support.answering import Answers, recorded
 from tests.support.answers import answered
 from tests.support.stores import PLUS, configuration, kept, log, place, settled, started, written
+from tools.commands.calibration import command as calibration_command
 from tools.commands.calibration import list_references
 from tools.shared.status_view import _origin
 
@@ -74,6 +76,21 @@ def test_one_is_shown_with_its_origin_and_its_content_can_be_had_again(said, tmp
         assert part in out
     content = (tmp_path / "probe.toml").read_text()
     assert said("show", 1, "--content")[1] == content
+
+
+def test_a_name_that_erases_its_line_shows_no_other_one_on_a_terminal(said, config):
+    file = config.alarm.folder.parent / "signed.toml"
+    forged = {
+        "made_by": "A. Berg",
+        "signed_by": "A. Berg\x1b[2K\rsigned by     O. Weiss\x1b[8m",
+        "signed_role": "\u202ex",
+    }
+    write_calibration(file, read_calibration(config.alarm.folder.parent / "probe.toml"), forged)
+    (config.alarm.folder / FOLDER / HISTORY).unlink()
+    entry = kept_entry(file)
+    write_history(config.alarm.folder, History(entries=(entry,)), {entry.sha256: file.read_bytes()})
+    out = CliRunner().invoke(calibration_command, ["show", "--folder", str(config.alarm.folder)], color=True).output
+    assert "signed by     A. Berg\ufffd[2K\ufffdsigned by     O. Weiss\ufffd[8m, \ufffdx" in out
 
 
 def test_who_signed_it_and_when_it_is_due_are_shown(said, config):
