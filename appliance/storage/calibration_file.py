@@ -141,7 +141,9 @@ def is_device_set(data: bytes) -> bool:
 
 
 def provenance_of(data: bytes) -> dict[str, str]:
-    """What the content says of its origin, our own TOML alone; empty where it cannot be read."""
+    """What the content says of its origin, our own TOML alone; empty where it cannot be read. Anybody may have written
+    it: `printable` it must be made where it is shown.
+    """
     if is_device_set(data):
         return {}
     try:

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from xml.etree import ElementTree as ET
 
 from appliance.storage.calibration_file import is_device_set
-from drivers.files.markup import xml_of
+from drivers.files.markup import number_of, xml_of
 from drivers.printable import printable
 
 _LEAST_OFFSET_S = 0.0005
@@ -87,6 +87,6 @@ def _pair(text: str) -> tuple[int, int] | None:
 
 def _number(text: str) -> float | None:
     try:
-        return float(text)
+        return number_of(text)
     except ValueError:
         return None

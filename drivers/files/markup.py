@@ -53,6 +53,15 @@ def text_of(data: bytes) -> str:
         raise NotUtf8Error(f"is not UTF-8 text: line {line} has the byte 0x{data[error.start]:02x}") from None
 
 
+def number_of(text: str) -> float:
+    """The number that a text holds. Raises ValueError, also for what Python alone takes for one: digits of other
+    scripts, and underscores between digits, as of two numbers of which the blank was lost.
+    """
+    if not text.isascii() or "_" in text:
+        raise ValueError("not a number as others write it")
+    return float(text)
+
+
 def toml_of(data: bytes, most_bytes: int) -> dict[str, Any]:
     """The table of a TOML file. Raises ValueError: NotUtf8Error, larger, deeper or with longer numbers than a
     configuration ever is, or no TOML.

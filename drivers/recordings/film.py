@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 
 from drivers.errors import RecordingError
-from drivers.files.markup import NotUtf8Error, text_of
+from drivers.files.markup import NotUtf8Error, number_of, text_of
 from drivers.files.regular_file import read_bounded, reading
 from drivers.recordings.display_matrix import is_mirrored
 from drivers.recordings.foreign import refuse_known
@@ -301,7 +301,7 @@ class PoseTable:
         if not text.strip():
             raise RecordingError(f"line {self._lines[index]}, {column} is empty", str(self.path), _NOT_SEEN)
         try:
-            return float(text)
+            return number_of(text)
         except ValueError:
             raise self._refused(index, column, "is not a number") from None
 

@@ -203,6 +203,8 @@ def test_plus_device_set(tmp_path):
         ('To="TransducerOriginPixel"', 'To="Probe"', "two transforms Image to Probe"),
         ("0 0.07 0 11", "0 0.07 0", "sixteen numbers"),
         ("0 0.07 0 11", "0 x 0 11", "sixteen numbers"),
+        ("0 0.07 0 11", "0 0.07 0 1_1", "sixteen numbers"),
+        ("0 0.07 0 11", "0 0.07 0 \N{FULLWIDTH DIGIT ONE}1", "sixteen numbers"),
         ("0 0.07 0 11", "0 nan 0 11", "not finite"),
         ("0 0.07 0 11", "0 0 0 11", "scales"),
         ("0 0.07 0 11", "0.08 0.07 0 11", "sheared"),

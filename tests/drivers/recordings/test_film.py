@@ -119,6 +119,7 @@ def test_quaternions_are_poses_too(tmp_path: Path) -> None:
         ("", "is empty"),
         ("t_s,m00\n0,1\n", "has the columns t_s, m00"),
         (",".join(POSE_COLUMNS) + "\nnoon,1,ok" + ",0" * 12 + "\n", "line 2, t_s 'noon' is not a number"),
+        (",".join(POSE_COLUMNS) + "\n0,1,ok,1_0" + ",0" * 11 + "\n", "line 2, m00 '1_0' is not a number"),
         (",".join(POSE_COLUMNS) + "\n0,1,ok,x" + ",0" * 11 + "\n", "line 2, m00 'x' is not a number"),
         (",".join(POSE_COLUMNS) + "\n1e300,1,ok" + ",0" * 12 + "\n", "not a time"),
         (",".join(POSE_COLUMNS) + "\n0,1\n", "line 2 ends before m00"),

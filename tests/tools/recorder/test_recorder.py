@@ -2,8 +2,8 @@
 
 import errno
 import os
-import stat
 import shutil
+import stat
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
