@@ -21,6 +21,8 @@ _STATUS = struct.Struct(">Hq20s")
 _STRING = struct.Struct(">HH")
 _COMMAND = struct.Struct(">I128sHI")
 _START = struct.Struct(">i32s")
+_MOST_TOOLS = 1000
+"""In one message; a tracker has tens. A message of 64 MiB holds 960,000, which take 16 s to read."""
 _TYPE_BYTES = 12
 """Length of a message type in CAPABILITY, by the specification."""
 
@@ -244,6 +246,8 @@ def _unpacked(layout: struct.Struct, content: bytes, kind: str) -> tuple[Any, ..
 def _whole(layout: struct.Struct, content: bytes, kind: str) -> bytes:
     if len(content) % layout.size:
         raise ProtocolError(f"{kind} has a multiple of {layout.size} bytes, not {len(content)}")
+    if len(content) > _MOST_TOOLS * layout.size:
+        raise ProtocolError(f"{kind} has {len(content) // layout.size} tools, more than {_MOST_TOOLS}")
     return content
 
 

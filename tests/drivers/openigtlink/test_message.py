@@ -208,6 +208,16 @@ def test_a_name_that_is_too_long_is_refused_when_it_is_sent() -> None:
         encode(Message("TRANSFORM", "ABCDEFGHIJKLMNOPQRSTU", b""))
 
 
+@pytest.mark.parametrize(
+    ("parse", "element_bytes", "kind"), [(c.parse_tools, 70, "TDATA"), (c.parse_turned_tools, 50, "QTDATA")]
+)
+def test_more_tools_than_any_tracker_has_are_refused_unread(parse: Any, element_bytes: int, kind: str) -> None:
+    """64 MiB of them took 16 s."""
+    assert len(parse(bytes(1000 * element_bytes))) == 1000
+    with pytest.raises(ProtocolError, match=f"{kind} has 1001 tools, more than 1000"):
+        parse(bytes(1001 * element_bytes))
+
+
 def test_a_body_of_gigabytes_is_refused_by_its_header() -> None:
     data = bytearray(encode(Message("IMAGE", "", b"")))
     data[42:50] = (MOST_BODY_BYTES + 1).to_bytes(8, "big")
