@@ -22,6 +22,7 @@ from tools.recalibration.phase import Phase
 from tools.recalibration.session import ScanSession
 from tools.shared.crosswire_review import comparison_table
 from tools.shared.german import confirmed, recognised, told
+from tools.shared.verification import with_motions
 
 _EVERY_S = 0.25
 """Between two pictures, as of `probewatch status --watch`; how late a line is heard."""
@@ -314,7 +315,7 @@ def _prove(session: ScanSession, language: str) -> None:
     with Live(console=console, refresh_per_second=1 / _EVERY_S, transient=True) as live:
         while session.phase is Phase.PROVING:
             fields = session.fields()
-            said = recognised(str(fields["trouble"] or fields["message"]), language)
+            said = with_motions(str(fields["trouble"] or fields["message"]), language)
             lines.tell(said)
             live.update(Text(said))
             select.select([], [], [], _EVERY_S)

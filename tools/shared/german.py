@@ -257,6 +257,9 @@ GERMAN_OF_TOOLS = {
     "The contact stays open; move the probe over tissue, see its status": (
         "Der Kontakt bleibt offen; die Sonde über Gewebe bewegen, siehe den Status"
     ),
+    "The contact stays open; to show it, on tissue: {motions}": (
+        "Der Kontakt bleibt offen; um es auf Gewebe zu zeigen: {motions}"
+    ),
     "reference {number} is verified and in force, also after a restart": (
         "Referenz {number} ist bestätigt und in Kraft, auch nach einem Neustart"
     ),

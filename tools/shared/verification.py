@@ -9,6 +9,7 @@ from typing import Any
 
 import click
 
+from appliance.core.quality.gesture import gestures
 from appliance.service.control.client import ControlClient
 from appliance.service.control.server import ControlRefused
 from appliance.supervision.alarms import HAZARDS, SIGNALS
@@ -22,6 +23,7 @@ _HOLD_S = 900.0
 """Of silence after which the service gives up for a command that hangs: reading a long recording takes minutes.
 One that was killed is noticed at once, whatever this is. Not measured.
 """
+_MISSING = "not shown yet: "
 _LOOK_EVERY_S = 0.25
 """Between two looks at the status: a progress bar that seems alive, and five ticks of the service."""
 
@@ -136,7 +138,18 @@ def waits_for(status: Mapping[str, Any]) -> str:
     found = {one["fault"] for one in checks if one["verdict"] != "OK" and one["value"] is not None}
     unseen = next((HAZARDS[fault].text for fault in Fault if fault.kind is Kind.SIGHT and fault in found), "")
     missing = ", ".join(status.get("missing", ()))
-    return unseen or (f"not shown yet: {missing}" if missing else reason)
+    return unseen or (f"{_MISSING}{missing}" if missing else reason)
+
+
+def motions_for(reason: str) -> str:
+    """Returns the motions that show what `waits_for` calls not shown yet; empty where it names nothing."""
+    _, found, names = reason.rpartition(_MISSING)
+    return "; ".join(gesture.value for gesture in gestures(names.split(", "))) if found else ""
+
+
+def with_motions(reason: str, language: str) -> str:
+    """Returns the reason of `waits_for` in the language, behind the motions that are asked for."""
+    return " · ".join(recognised(part, language) for part in (motions_for(reason), reason) if part)
 
 
 def await_verification(client: ControlClient, socket: Path, wait_s: float, language: str) -> None:
@@ -150,13 +163,15 @@ def await_verification(client: ControlClient, socket: Path, wait_s: float, langu
         task = progress.add_task("wait", total=None, state="", reason="")
         while True:
             status = client.status()
-            state, reason = (recognised(one, language) for one in (str(status["state"]), waits_for(status)))
-            progress.update(task, state=state, reason=reason)
+            state, reason = recognised(str(status["state"]), language), waits_for(status)
+            progress.update(task, state=state, reason=with_motions(reason, language))
             if status["state"] != State.RECALIBRATING.value:
                 break
             if time.monotonic() > end_s:
-                what = told("not verified within {seconds} s: {why}", language, seconds=f"{wait_s:g}", why=reason)
-                raise _not_verified(what, language)
+                why = recognised(reason, language)
+                what = told("not verified within {seconds} s: {why}", language, seconds=f"{wait_s:g}", why=why)
+                number = (status.get("reference") or {}).get("number", 0)
+                raise _not_verified(what, language, motions_for(reason), number - 1)
             time.sleep(_LOOK_EVERY_S)
     why = recognised(str(status["reason"]), language)
     if status["state"] == State.DEVICE_LOST.value:
@@ -168,6 +183,15 @@ def await_verification(client: ControlClient, socket: Path, wait_s: float, langu
         raise _not_verified(what, language)
 
 
-def _not_verified(what: str, language: str) -> ControlRefused:
+def _not_verified(what: str, language: str, motions: str = "", before: int = 0) -> ControlRefused:
+    """Names the motions that are missing, and how to go back to the reference before; 0 where there is none, or where
+    the service has gone back to it.
+    """
     remedy = told("The contact stays open; move the probe over tissue, see its status", language)
+    if motions:
+        moves = recognised(motions, language)
+        remedy = told("The contact stays open; to show it, on tissue: {motions}", language, motions=moves)
+    if before > 0:
+        back = "back to the one before: probewatch calibration back {number}"
+        remedy = f"{remedy}; {told(back, language, number=before)}"
     return ControlRefused(what, recognised("new calibration", language), remedy)

@@ -11,7 +11,7 @@ from appliance.supervision.languages import translated_text
 from appliance.types import State
 from tests.support.answering import Answers, recorded
 from tools.commands import calibration
-from tools.shared.verification import waits_for
+from tools.shared.verification import motions_for, waits_for, with_motions
 
 WAITING = {"state": State.RECALIBRATING.value, "reason": "Recalibrating", "missing": ["scale-axial", "latency"]}
 
@@ -40,11 +40,15 @@ def test_what_the_service_says_itself_goes_before() -> None:
 
 
 class _Unverified(Answers):
-    """A service that takes every reference and never verifies one."""
+    """A service that takes every reference and never verifies one. status: what it says."""
+
+    def __init__(self, path: Path, said: dict[str, Any] | None = None) -> None:
+        super().__init__(path)
+        self._said = said or status()
 
     def _answer(self, do: str, request: dict[str, Any], who: Peer) -> dict[str, Any]:
         proposal = {"text": "nothing", "confirm": False}
-        return {"status": {"status": status()}, "propose-calibration": {"proposal": proposal}}.get(do, {})
+        return {"status": {"status": self._said}, "propose-calibration": {"proposal": proposal}}.get(do, {})
 
 
 @pytest.mark.parametrize("command", ["use", "back"])
@@ -54,6 +58,25 @@ def test_a_wait_that_ends_in_vain_says_what_was_missing(tmp_path: Path, command:
         words = [command, wanted, "--socket", str(service.path), "--wait", "1"]
         refusal = CliRunner().invoke(calibration.command, words).exception
     assert "not verified within 1 s: not shown yet: scale-axial, latency. The contact stays open" in str(refusal)
+    motions = "slide it sideways, 10 mm to and fro; press and release quickly, 6 mm"
+    assert f"to show it, on tissue: {motions}" in str(refusal), "not any motion: the one that is missing"
+
+
+@pytest.mark.parametrize(("language", "told"), [("en", "rock it in the"), ("de", "in der Bildebene wippen")])
+def test_a_wait_in_vain_names_the_motion_and_the_way_back(tmp_path: Path, language: str, told: str) -> None:
+    """It said to move the probe over tissue, whatever was missing, and not how the cart works again."""
+    waits = "it is far from the one before, and of it is not shown yet: offset-axial"
+    given = status(language=language, reference_waits=waits, reference={"number": 5, "sha256": "ab"})
+    with _Unverified(tmp_path / "control", given) as service:
+        words = ["back", "1", "--socket", str(service.path), "--wait", "1"]
+        refusal = str(CliRunner().invoke(calibration.command, words).exception)
+    assert told in refusal
+    assert refusal.endswith("probewatch calibration back 4")
+
+
+def test_nothing_is_asked_for_where_no_parameter_is_missing() -> None:
+    assert motions_for("No ultrasound in the picture") == ""
+    assert with_motions("No ultrasound in the picture", "de") == "Kein Ultraschall im Bild"
 
 
 class _Declining(Answers):
