@@ -126,23 +126,33 @@ def _coverage_row(one: Healthy) -> Sequence[str]:
 
 _SCORES = """## Is the stated sigma honest?
 
-(value − truth) ÷ sigma of every check, once a second: root of the mean square over the sessions, median (least–most);
-and the largest. 1 is honest; less, and sigma is too large. Sigma includes what the model leaves out, which motion does
-not lessen. Few seeds leave a figure uncertain by a fifth and more. `scores` of `docs/evidence.json` has each session.
+(value − truth) ÷ sigma of every check in every world (number of its sessions), once a second: root of the mean square,
+median (least–most); then the largest. 1 is honest; less, and sigma is too large. Sigma includes what the model leaves
+out, which motion does not lessen. Few seeds leave a figure uncertain by a fifth and more. `scores` of
+`docs/evidence.json` has each session.
 """
 
 
 def _scores(healthy: list[Healthy]) -> list[str]:
-    rows = [_score_row(name, some) for name in MEASURED if (some := [one for one in healthy if name in one.scores])]
-    return [_SCORES, *table(("check", "sessions", "root of the mean square", "largest", "in"), rows)] if rows else []
+    scored = [one for one in healthy if one.scores]
+    worlds = {tissue: [one for one in scored if one.origin.tissue == tissue] for tissue in _worlds(scored)}
+    head = ("check", *(f"{tissue} ({len(some)})" for tissue, some in worlds.items()))
+    rows = [(name, *(_score(name, some) for some in worlds.values())) for name in MEASURED]
+    return [_SCORES, *table(head, rows)] if worlds else []
 
 
-def _score_row(name: str, some: list[Healthy]) -> Sequence[str]:
-    """some: sessions in which the check was measured."""
-    rms = sorted(one.scores[name].rms for one in some)
-    last = max(some, key=lambda one: one.scores[name].worst)
-    place = f"{last.origin.session}, {last.origin.tissue}"
-    return name, str(len(some)), _with_range(median(rms), rms), f"{last.scores[name].worst:.1f}", place
+def _worlds(scored: list[Healthy]) -> list[str]:
+    """Returns the tissues, those with most sessions first."""
+    return [tissue for tissue, _ in Counter(one.origin.tissue for one in scored).most_common()]
+
+
+def _score(name: str, sessions: list[Healthy]) -> str:
+    """Returns the cell of one check in one world, whose sessions these are."""
+    scores = [one.scores[name] for one in sessions if name in one.scores]
+    if not scores:
+        return "–"
+    rms = sorted(score.rms for score in scores)
+    return f"{_with_range(median(rms), rms)}; {max(score.worst for score in scores):.1f}"
 
 
 def _mean(shares: list[float]) -> str:
@@ -274,7 +284,7 @@ def _false_alarms(healthy: list[Healthy]) -> list[str]:
     rows = [_alarm_row(name, some) for name, some in groups.items()]
     without = "all" if len(quiet) == len(sessions) else ", ".join(quiet)
     none = [f"Sessions without any: {without}.", ""] if quiet else []
-    text = "Runs with a FAULT, and how often the states began."
+    text = "Runs with a FAULT, and how often the states began, in the sessions of [coverage.md](coverage.md)."
     return ["## False alarms", "", text, "", *table(head, [row for row in rows if row]), *none]
 
 

@@ -126,12 +126,29 @@ def test_scores_are_of_all_looks_of_all_runs() -> None:
     now = figures(rows)
     assert now.healthy[0].scores["latency"] == Score(1.0, 3.2)
     text = next(text for path, text in pages(now).items() if path.name == "coverage.md")
-    assert "| latency | 1 | 1.00 | 3.2 | fan, still |" in text
-    assert re.search(r"\| rotation-lateral \| 1 \| .* \| 4.0 \| fan, still \|", text)
+    assert "| check | still (1) |" in text
+    assert "| latency | 1.00; 3.2 |" in text
+    assert re.search(r"\| rotation-lateral \| .*; 4.0 \|", text)
     never = figures([row | {"latency looks": "0", "latency squares": "0"} for row in ROWS[:4]])
     assert "latency" not in never.healthy[0].scores
     for one in (now, never):
         assert Figures.parse(one.plain()) == one
+
+
+def test_the_coverage_has_the_scores_of_every_check_in_every_world() -> None:
+    measured_rows = [
+        row(session, 1, tissue=tissue)
+        | {"commit": "c1", "latency looks": "4", "latency squares": squares, "latency worst": worst}
+        for session, tissue, squares, worst in (
+            ("fan", "still", "1", "0.9"),
+            ("hold", "still", "4", "2.5"),
+            ("hold", "ribs-1", "16", "4.1"),
+        )
+    ]
+    text = next(text for path, text in pages(figures(measured_rows)).items() if path.name == "coverage.md")
+    assert "| check | still (2) | ribs-1 (1) |" in text
+    assert "| latency | 0.75 (0.50–1.00); 2.5 | 2.00; 4.1 |" in text
+    assert "| rotation-lateral | 2.00; 4.0 | 2.00; 4.0 |" in text
 
 
 def test_pages_of_nothing_say_so() -> None:
