@@ -5,6 +5,7 @@ What finds a hazard declares it (`REPORTS_FAULTS` of a module of the appliance);
 """
 
 import ast
+import re
 from collections.abc import Iterator
 from functools import cache
 from importlib import import_module
@@ -32,7 +33,7 @@ What controls each hazard, what remains, and the tests. Texts and remedies: [ala
   drives: this is not the risk analysis of a medical device.
 - **control**: states that it leads to ([when](alarms.md#policy)), which open the contact, and the code that finds it. A
   notice leaves the contact as it is.
-- **residual**: simulated runs without a FAULT in the last study (– where it is not simulated); [known
+- **residual**: simulated runs without a FAULT in the last study (– where it is not simulated); numbers of the [known
   anomalies](known-anomalies.md) that name it. {unnamed} of the {rows} there name no hazard and may touch any: read all.
 - **evidence**: figures of what was simulated; number of files of tests that name it.
 
@@ -46,7 +47,7 @@ def hazards(figures: Figures) -> str:
     """The whole page, Markdown. figures: what was last measured."""
     head = ("hazard", "severity", "control", "residual", "evidence")
     known = _known()
-    unnamed = sum(not any(f"`{hazard}`" in row for hazard in HAZARDS) for row in known)
+    unnamed = sum(not any(f"`{hazard}`" in row for hazard in HAZARDS) for row in known.values())
     told = _HEAD.format(unnamed=unnamed, rows=len(known))
     return "\n".join([told, *table(head, (_row(hazard, figures) for hazard in HAZARDS))])
 
@@ -86,13 +87,15 @@ def _missed(hazard: Fault, figures: Figures) -> str:
     return f"{sum(one.runs - len(one.fault_s) for one in found)}/{runs}" if runs else "–"
 
 
-def _known() -> list[str]:
-    """Rows of the page of known anomalies, without its heading."""
-    return [line for line in ANOMALIES.read_text(encoding="utf-8").splitlines() if line.startswith("| ")][1:]
+def _known() -> dict[str, str]:
+    """Number → row of each known anomaly; the page has several tables, whose headings have no number."""
+    return {
+        found[1]: found[0] for found in re.finditer(r"^\| (\d+) \|.*$", ANOMALIES.read_text(encoding="utf-8"), re.M)
+    }
 
 
-def _anomalies(hazard: Fault) -> int:
-    return sum(f"`{hazard}`" in row for row in _known())
+def _anomalies(hazard: Fault) -> str:
+    return ", ".join(number for number, row in _known().items() if f"`{hazard}`" in row) or "none"
 
 
 @cache
