@@ -36,7 +36,14 @@ def _metric(field: Field, inside: str) -> Iterator[tuple[str, str]]:
     """inside: of which object it is a part, with a full stop."""
     if (metric := field.metric) is not None:
         name = f"probewatch_{metric.name}{'_total' if metric.kind is Kind.COUNTER else ''}"
-        yield f"`{name}`", f"`{inside}{field.name}`"
+        yield f"`{name}`", f"`{inside}{field.name}`{_condition(field, metric.kind)}"
+
+
+def _condition(field: Field, kind: Kind) -> str:
+    """Returns of what the metric is 1 where that is not the value of the field itself."""
+    if kind is Kind.GIVEN:
+        return " is not null"
+    return " is not empty" if kind is Kind.TRUE and field.type != "bool" else ""
 
 
 def _mqtt() -> str:

@@ -102,3 +102,28 @@ def test_the_page_lists_every_metric() -> None:
 def test_the_alerts_are_listed_on_the_page() -> None:
     named = {rule["alert"] for rule in rules() if "alert" in rule}
     assert set(re.findall(r"^\| `(Probewatch[A-Za-z]+)`", PAGE.read_text(), re.M)) == named
+
+
+def test_the_page_says_of_what_a_metric_is_1() -> None:
+    rows = re.findall(r"^\| `(probewatch_\w+)` \| `([a-z_.]+)`(?: is not (null|empty))? \|", PAGE.read_text(), re.M)
+    assert len(rows) > 20
+    for name, path, what in rows:
+        if what:
+            assert made_of(name, path, None) == 0.0, name
+            assert made_of(name, path, []) == float(what == "null"), name
+            assert made_of(name, path, ["something"]) == 1.0, name
+        elif value_at(recorded(), path) is None:
+            assert made_of(name, path, None) is None, name
+
+
+def value_at(status: dict[str, Any], path: str) -> Any:
+    *outer, key = path.split(".")
+    return (status[outer[0]] if outer else status).get(key, 0)
+
+
+def made_of(name: str, path: str, content: Any) -> float | None:
+    """The sample of this name where the field at the path has this content; None without a sample."""
+    status = recorded()
+    *outer, key = path.split(".")
+    (status[outer[0]] if outer else status)[key] = content
+    return next((one.value for metric in found(status, 0.0) for one in metric.samples if one.name == name), None)
