@@ -208,7 +208,10 @@ def _period(number: int) -> str:
 
 def _hazards() -> list[str]:
     """What the operator reads, what it means, and what to do."""
-    text = "What leads to which state: [policy](#policy). What finds each, and the tests: [hazards](hazards.md)."
+    text = (
+        "What leads to which state: [policy](#policy). What finds each, and the tests: [hazards](hazards.md). "
+        "How soon: [evidence](evidence.md)."
+    )
     head = ("text", "what to do", "class", "limit (default)")
     rows = ((f"**{row.text}**", _remedies(row), f"`{name}`", _limit(name)) for name, row in HAZARDS.items())
     return ["## Hazards", "", text, "", *table(head, rows)]
