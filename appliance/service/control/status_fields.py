@@ -75,7 +75,7 @@ STATUS = (
     Field(
         "language",
         "string",
-        "en or de: of `text`, `remedy` and `notices`; everything else is English",
+        "en or de: of `text`, `remedy`, `notices`, `gesture` and the text of `proposal`; everything else is English",
     ),
     Field("fault", "string or null", "class of the hazard that caused the state", mqtt=True),
     Field("reason", "string", "why, in one sentence"),

@@ -1,0 +1,17 @@
+"""Which fields of the status are in the language of the room is said by the field `language`."""
+
+import re
+
+from appliance.core.quality.gesture import Gesture
+from appliance.service.control.status import alarm_fields
+from appliance.service.control.status_fields import STATUS
+from appliance.supervision.alarms import HAZARDS
+from appliance.types import AlarmState, State
+
+
+def test_the_field_of_the_language_names_all_that_is_in_it() -> None:
+    alarm = AlarmState(State.NOT_VERIFIED, 0, None, "reason", False, None, notices=tuple(HAZARDS)[:1])
+    english, german = (alarm_fields(0, alarm, language, wanted=(Gesture.PRESS,)) for language in ("en", "de"))
+    unlike = {name for name in english if english[name] != german[name]}
+    (row,) = (field for field in STATUS if field.name == "language")
+    assert unlike == set(re.findall(r"`(\w+)`", row.meaning)) - {"proposal"}
