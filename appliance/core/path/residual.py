@@ -62,7 +62,7 @@ More asks for a wider rock; less takes noise for a wrong scale or rotation (−2
 LEAST_DEPTH_MM = 18.0
 """Depth of a picture, below which nothing is concluded over tissue that may give way: the drag of the skin, which falls
 to 1/e over 12 mm, is too much like a turn there. In pictures of 13 mm two of six healthy carts were accused of a
-rotation of −9° within 60 s (the invariant's cart, its tissue taken for soft); in those of 21 mm none was (docs/study.md).
+rotation of −9° within 60 s (the invariant's cart, its tissue taken for soft); in those of 21 mm none was (study).
 Nothing between was tried. More names no fault in shallow pictures of patients.
 """
 
