@@ -36,6 +36,10 @@ _WAITING = 4
 """Pictures that wait for their reader, 0.13 s at 30 Hz; then the oldest gives way. More hands on older pictures after a
 hiccup, fewer loses some of them."""
 
+_MOST_PX = 1 << 24
+"""Pixels of a picture, 4096 × 4096: four times those of a screen of 2560 × 1600, which is the most that the service
+takes. One of 12000 × 12000 takes OpenCV 1.6 GB, more than the unit may have."""
+
 _LEAVE_S = 0.5
 """For the thread to leave its read at the end. More holds up the end of the service, less leaves threads behind."""
 
@@ -60,6 +64,11 @@ def open_video(target: str, options: dict[str, str], clock: HostClock) -> "OpenC
     capture = _open(source, is_stream)
     if not capture.isOpened():
         raise DeviceLost("OpenCV cannot read it", where, _CHECK)
+    width, height = (round(capture.get(side)) for side in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
+    if width * height > _MOST_PX:
+        capture.release()
+        what = f"sends pictures of {width} x {height} pixels, more than {_MOST_PX}"
+        raise DeviceLost(what, where, "Have it send smaller ones: no picture of a scanner is so large")
     rate_hz = float(capture.get(cv2.CAP_PROP_FPS)) or math.nan
     if is_file and not _RATES_HZ[0] <= rate_hz <= _RATES_HZ[1]:
         capture.release()

@@ -148,6 +148,16 @@ def test_what_is_not_there_is_lost(target: str) -> None:
     assert refusal.value.remedy
 
 
+def test_pictures_larger_than_any_scanner_has_are_refused_before_they_take_memory(tmp_path: Path) -> None:
+    """One of 12000 x 12000 took 1.6 GB, beyond which the kernel ends the service."""
+    path = tmp_path / "huge.avi"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), 50, (8192, 2064))
+    writer.write(np.zeros((2064, 8192, 3), np.uint8))
+    writer.release()
+    with pytest.raises(DeviceLost, match="sends pictures of 8192 x 2064 pixels, more than 16777216"):
+        open_video(f"opencv:{path}", HostClock())
+
+
 def test_a_file_that_is_no_film_is_lost(tmp_path: Path) -> None:
     (tmp_path / "film.avi").write_bytes(b"RIFF" + bytes(100))
     with pytest.raises(DeviceLost, match="cannot read it"):
