@@ -5,6 +5,7 @@ from pathlib import Path
 import click
 
 from appliance.service.control.client import ControlClient
+from tools.shared.german import told
 from tools.shared.named_cart import socket_option
 from tools.shared.spoken import language_of, say
 
@@ -28,4 +29,5 @@ def command(control_socket: Path) -> None:
         return
     click.echo(say("lamps", language))
     for output in shown:
-        click.echo(f"  {output['signal']:8} {output['url']}")
+        lost = f"  {told('does not answer', language)}" if output["energised"] is None else ""
+        click.echo(f"  {output['signal']:8} {output['url']}{lost}")

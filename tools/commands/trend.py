@@ -13,8 +13,9 @@ from appliance.storage.alarm_chain import Entry
 from tools.report.page import check_page
 from tools.report.trend_page import write_trend_page
 from tools.shared.alarm_history import settled_log, tell_damage
+from tools.shared.german import recognised, told
 from tools.shared.json_report import json_of, json_option
-from tools.shared.named_cart import folder_argument
+from tools.shared.named_cart import cart_language, folder_argument
 from tools.shared.tables import FittingTable
 from tools.shared.trend_table import HEADINGS, references_of, row_of, trends, unit_of
 
@@ -42,7 +43,7 @@ def command(folder: Path, reference: int | None, html_path: Path | None, as_json
     65: the alarm log is damaged; what it still holds is told. 78: the folder cannot be read.
     """
     check_page(html_path)
-    reading = settled_log(folder)
+    reading, language = settled_log(folder), cart_language()
     entries = reading.entries
     number = reference if reference is not None else _latest(entries)
     found = {} if number is None else trends(entries, number)
@@ -51,12 +52,14 @@ def command(folder: Path, reference: int | None, html_path: Path | None, as_json
         click.echo(json_of({"reference": number, "parameters": [_fields(*one) for one in found.items()]}))
     elif found:
         styles = ["yellow" if one.moving or one.near else "" for one in found.values()]
-        Console(highlight=False).print(FittingTable(HEADINGS, rows, styles, right_from=1), crop=False)
+        headings = [recognised(heading, language) for heading in HEADINGS]
+        shown = [row_of(*one, language) for one in found.items()]
+        Console(highlight=False).print(FittingTable(headings, shown, styles, right_from=1), crop=False)
     else:
-        click.echo(_nothing(folder, number, references_of(entries)))
+        click.echo(_nothing(folder, number, references_of(entries), language))
     if html_path is not None:
         write_trend_page(html_path, number, found, {name: unit_of(name) for name in found}, HEADINGS, rows)
-        click.echo(f"written: {html_path}", err=as_json)
+        click.echo(told("written: {file}", language, file=html_path), err=as_json)
     tell_damage(reading)
     sys.exit(65 if reading.broken else _code(found))
 
@@ -65,11 +68,13 @@ def _latest(entries: tuple[Entry, ...]) -> int | None:
     return next(reversed(references_of(entries)), None)
 
 
-def _nothing(folder: Path, number: int | None, others: list[int]) -> str:
+def _nothing(folder: Path, number: int | None, others: list[int], language: str) -> str:
     if number is not None and others and number not in others:
         held = ", ".join(map(str, others))
-        return f"{folder} holds no estimates of reference {number}, only of {held}: give --reference {others[-1]}"
-    return f"{folder} holds no estimates yet: the service notes one every five minutes while it is verified"
+        other = "{folder} holds no estimates of reference {number}, only of {held}: give --reference {last}"
+        return told(other, language, folder=folder, number=number, held=held, last=others[-1])
+    none = "{folder} holds no estimates yet: the service notes one every five minutes while it is verified"
+    return told(none, language, folder=folder)
 
 
 def _code(found: dict[str, Trend]) -> int:

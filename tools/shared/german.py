@@ -1,6 +1,6 @@
-"""German of what `reload`, `self-test`, `report`, `calibration` and `recalibrate` print: one table, from the English
-text or its template. What the service says, and `ack` and its like, is in `appliance.supervision.languages`; what a
-scan says is read from the table of the page, tools/page/files/german.js.
+"""German of what `reload`, `self-test`, `report`, `trend`, `calibration` and `recalibrate` print: one table, from the
+English text or its template. What the service says, and `ack` and its like, is in `appliance.supervision.languages`;
+what a scan says is read from the table of the page, tools/page/files/german.js.
 
 JSON, records, options and what is refused stay English: programs and reports of errors rely on them.
 """
@@ -279,6 +279,22 @@ GERMAN_OF_TOOLS = {
         "Posen nach einem Sprung oder einer Lücke ein zweites Mal gelesen und dann verwendet: {number}"
     ),
     "this is no fault": "das ist kein Fehler",
+    # lamp-test, trend
+    "does not answer": "antwortet nicht",
+    "limit": "Grenze",
+    "since the first": "seit der ersten",
+    "per day": "pro Tag",
+    "reaches the limit": "erreicht die Grenze",
+    "is": "ist",
+    "in {days} days": "in {days} Tagen",
+    "near its limit": "nahe der Grenze",
+    "steady": "beständig",
+    "{folder} holds no estimates of reference {number}, only of {held}: give --reference {last}": (
+        "{folder} hat keine Schätzungen zu Referenz {number}, nur zu {held}: --reference {last} angeben"
+    ),
+    "{folder} holds no estimates yet: the service notes one every five minutes while it is verified": (
+        "{folder} hat noch keine Schätzungen: der Dienst notiert alle fünf Minuten eine, solange er bestätigt"
+    ),
     # log
     "estimate": "Schätzung",
     "overloaded": "überlastet",

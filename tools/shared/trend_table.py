@@ -8,6 +8,7 @@ from math import inf, isfinite
 from appliance.core.parameters import MEASURED, QUANTITIES, class_of
 from appliance.core.quality.trend import Estimate, Trend, trend
 from appliance.storage.alarm_chain import Entry, Event
+from tools.shared.german import recognised, told
 from tools.shared.tables import NOTHING
 
 HEADINGS = ("parameter", "estimates", "now", "limit", "since the first", "per day", "reaches the limit", "is")
@@ -70,20 +71,20 @@ def state_of(one: Trend) -> str:
     return "steady" if isfinite(one.high[-1]) else "not known yet"
 
 
-def row_of(name: str, one: Trend) -> tuple[str, ...]:
+def row_of(name: str, one: Trend, language: str = "en") -> tuple[str, ...]:
     """Returns the cells under HEADINGS."""
-    unit, mean = unit_of(name), float(one.mean[-1])
+    unit, mean = recognised(unit_of(name), language), float(one.mean[-1])
     base = float(one.mean[-1] - (one.low[-1] + one.high[-1]) / 2) if isfinite(one.high[-1]) else inf
     since = f"{base:+.2f} {unit}" if isfinite(base) else NOTHING
     day = f"{one.per_day:+.3f} ± {one.per_day_sigma:.3f}" if isfinite(one.per_day_sigma) else NOTHING
-    left = f"in {one.days_left:.0f} days" if one.days_left < _FAR_DAYS else NOTHING
+    left = told("in {days} days", language, days=f"{one.days_left:.0f}") if one.days_left < _FAR_DAYS else NOTHING
     return (
-        name,
+        recognised(name, language),
         str(len(one.estimates)),
         f"{mean:+.2f} {unit}",
         f"{one.limit:g} {unit}",
         since,
         day,
         left,
-        state_of(one),
+        recognised(state_of(one), language),
     )

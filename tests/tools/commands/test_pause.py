@@ -49,3 +49,19 @@ def test_a_pause_of_a_sound_that_is_off_does_not_claim_to_end(tmp_path: Path) ->
         "the alarm sound is switched off already, and stays so until 'probewatch pause --on"
     )
     assert "5 s" not in answer.stdout
+
+
+class _Testing(Answers):
+    """A service with a lamp that is lost."""
+
+    def _answer(self, do: str, request: dict[str, Any], who: Peer) -> dict[str, Any]:
+        contact = recorded()["outputs"][0]
+        lamps = [{**contact, "signal": "red", "energised": None}, {**contact, "signal": "green", "energised": True}]
+        return {"status": recorded(outputs=[contact, *lamps], language="de")} if do == "status" else {}
+
+
+def test_a_lamp_that_is_lost_is_told_among_those_that_must_light_up(tmp_path: Path) -> None:
+    with _Testing(tmp_path / "control") as service:
+        lamps = answered("lamp-test", "--socket", service.path).stdout.splitlines()[1:]
+    assert [line.split()[0] for line in lamps] == ["red", "green"]
+    assert [line.endswith("antwortet nicht") for line in lamps] == [True, False]

@@ -102,3 +102,18 @@ def test_an_entry_that_is_none_is_passed_over(tmp_path: Path, checks: object) ->
     folder = made(tmp_path / "alarms", ((1, 0.0, 20),))
     AlarmLog(folder).append(NOON + timedelta(days=30), 99, "estimate", {"reference": 1, "checks": checks}, None)
     assert asked(folder).exit_code == 0
+
+
+def test_the_trend_of_a_german_cart_is_told_in_german(folder: Path, tmp_path: Path) -> None:
+    cart = tmp_path / "cart.toml"
+    cart.write_text('[alarm]\nlanguage = "de"\n')
+    result = asked(folder, "--config", str(cart))
+    heading, *rows = result.stdout.splitlines()
+    assert heading.split("\t") == [
+        "Größe", "Schätzungen", "jetzt", "Grenze", "seit der ersten", "pro Tag", "erreicht die Grenze", "ist",
+    ]  # fmt: skip
+    assert [row.split("\t")[0] for row in rows] == ["Drehung axial", "Maßstab axial"]
+    assert " Tagen\t" in rows[0]
+    assert rows[1].endswith("\tbeständig")
+    none = asked(folder, "--config", str(cart), "--reference", "7")
+    assert "hat keine Schätzungen zu Referenz 7, nur zu 1, 2: --reference 2 angeben" in none.stdout
