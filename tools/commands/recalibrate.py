@@ -37,11 +37,12 @@ from tools.recalibration.recorded_scan import (
     scanned,
     solved,
 )
+from tools.recalibration.steps import Sound
 from tools.recalibration.terminal import words
 from tools.shared.calendar_option import DAY
 from tools.shared.crosswire_input import recorded, simulated
 from tools.shared.crosswire_whole import WholeOptions, solve_all, sound
-from tools.shared.german import told
+from tools.shared.german import refusing_in, told
 from tools.shared.interruption import stopped_saying
 from tools.shared.named_cart import cart_language, config_option, saying_how_to_start
 from tools.shared.sign_off import SignOff, user
@@ -239,6 +240,8 @@ def command(
         signature = Signature(signed_by, role, comment, unchecked=nobody) if signed_by else None
         _refuse_signed(chosen, signature)
         service = live_service(config_file, socket, feed, folder)
+        with refusing_in(service.language):
+            Sound(chosen.water_c, chosen.scanner_m_s, chosen.correct_sound)  # before anything is typed in vain
         scan_live(service, chosen if signature else _asked(chosen, service.language), signature)
         return
     sign_off = SignOff(

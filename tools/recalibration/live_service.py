@@ -15,7 +15,7 @@ from drivers.files.atomic_file import check_writable, make_folder
 from tools.recalibration.paperwork import Begin, Signature
 from tools.recalibration.session import ScanSession
 from tools.recalibration.terminal import run
-from tools.shared.german import recognised
+from tools.shared.german import recognised, refusing_in
 from tools.shared.named_cart import SOCKET, named_or_own
 from tools.shared.spoken import language_of
 from tools.shared.status_watch import StatusWatch
@@ -72,6 +72,7 @@ def scan_live(service: LiveService, begin: Begin, signature: Signature | None) -
         reporting_change(service.control, service.language),
         StatusWatch(service.control, _LOOK_S) as watch,
         ScanSession(service.control, service.pictures, service.place, watch) as session,
+        refusing_in(service.language),
     ):
         run(session, begin, signature, service.language)
 

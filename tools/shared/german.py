@@ -7,12 +7,15 @@ JSON, records, options and what is refused stay English: programs and reports of
 
 import json
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 
 import click
 
 from appliance.supervision.languages import GERMAN, Texts
+from drivers.errors import ProbewatchError
 
 GERMAN_OF_TOOLS = {
     "the service has taken its configuration": "der Dienst hat seine Konfiguration übernommen",
@@ -430,6 +433,18 @@ def recognised(text: str, language: str) -> str:
         return text
     said = _TEXTS.translated(text)
     return said if said != text else _of_page(text)
+
+
+@contextmanager
+def refusing_in(language: str) -> Iterator[None]:
+    """What the block refuses is refused in the language, as far as it is known in it."""
+    try:
+        yield
+    except ProbewatchError as error:
+        error.what, error.where, error.remedy = (
+            recognised(text, language) for text in (error.what, error.where, error.remedy)
+        )
+        raise
 
 
 def _of_page(text: str) -> str:

@@ -100,3 +100,22 @@ def test_a_state_in_which_nothing_is_scanned_is_told_before_anybody_is_asked(
     assert f"not possible while {state}: No answer from the tracker. Check its cable" in answer.stderr
     assert ": Tracker antwortet nicht. Sein Kabel prüfen" in german.stderr
     assert "nicht möglich" in german.stderr
+
+
+@pytest.mark.parametrize(
+    ("language", "said"),
+    [
+        ("en", "depths appear 3.9 % too deep; 1.5 % is the most. Warm the water"),
+        ("de", "Tiefen erscheinen 3.9 % zu tief; 1.5 % sind erlaubt. Das Wasser auf 48 °C erwärmen"),
+    ],
+)
+def test_water_that_does_not_serve_is_told_before_anybody_is_asked(
+    language: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Probe, depth and name were asked for first, and a German cart refused in English."""
+    monkeypatch.setattr("click.prompt", lambda *_, **__: pytest.fail("asked, though the water does not serve"))
+    with Answering(tmp_path / "control") as service:
+        service.changes = {"language": language, "recalibration": None}
+        given = ("--live", "--socket", service.path, "--folder", tmp_path, "--water-c", "20")
+        answer = answered("recalibrate", *given)
+    assert (answer.returncode, said in answer.stderr) == (75, True), answer
