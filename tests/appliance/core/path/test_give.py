@@ -144,6 +144,20 @@ def test_a_wrong_axial_scale_does_not_make_tissue_that_follows_rigid() -> None:
     assert hidden.look_at_tissue(0.0) & PRESSES
 
 
+def test_what_may_be_drag_of_the_skin_does_not_hide_that_tissue_follows() -> None:
+    """A hand that hardly slides does not exclude drag, and read as drag as well the shear is that of rigid tissue. So a
+    hand that rocked about an oblique axis over foam closed the contact on −10 % for 9 s.
+    """
+    plain = filled(planar_path, 10.0)
+    hidden = PathWindow(TRUTH)
+    hidden.poses = plain.poses
+    for motion in with_tissue(plain, drags=0.4)._seen:
+        assert motion.tissue is not None
+        told = np.where(np.arange(4) == PRESSES, 0.9, 1.0)
+        hidden.add(replace(motion, tissue=replace(motion.tissue, path_rad=motion.tissue.path_rad * told)))
+    assert hidden.look_at_tissue(0.0) & PRESSES
+
+
 def oblique(seconds: float, aslant: float, follows: float = 0.0, drags: float = 0.0) -> PathWindow:
     """Of a hand that turns about one axis beside the elevational, so that its lateral turn is a share of that turn."""
 
