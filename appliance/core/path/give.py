@@ -84,7 +84,8 @@ def may_do(before: int, seen: Sequence[Motion], poses: Array, reference: Calibra
     lateral, axial = reference.polarity
     tilt_rad = steps(np.array([path.tilt_rad for path in tissue])) * lateral * axial
     turns_rad = steps(np.cumsum(turned, axis=1))
-    tilt = _share_of_turn(turns_rad, tilt_rad)
+    pressed = bool(before & PRESSES)
+    tilt = _share_of_turn(turns_rad, tilt_rad, pressed)
 
     def drags(read_as: int) -> bool:
         drag_px = steps(np.array([path.drag_px[read_as] for path in tissue]))
@@ -99,9 +100,9 @@ def may_do(before: int, seen: Sequence[Motion], poses: Array, reference: Calibra
         axis and hardly slides excludes no drag, and the share of the shear is 1.02 ± .04 instead of .94 ± .03.
         """
         shear_rad = steps(np.array([path.path_rad[read_as] for path in tissue])) * lateral * axial
-        return _may_follow(pressed, tilt, _share_of_turn(turns_rad, shear_rad))
+        return _may_follow(pressed, tilt, _share_of_turn(turns_rad, shear_rad, pressed))
 
-    pressed, wide = bool(before & PRESSES), np.ptp(np.cumsum(turns_rad[2])) >= LEAST_TURN_RAD
+    wide = np.ptp(np.cumsum(turns_rad[2])) >= LEAST_TURN_RAD
     readings = {reading, PRESSES} if pressed else {reading}
     presses = _may_be_other(pressed, 1.0, _TILT, *tilt) or bool(wide and any(map(follows, readings)))
     if presses and 2 * abs(reference.face_mm[1]) < _DEEP_MM:
@@ -109,9 +110,10 @@ def may_do(before: int, seen: Sequence[Motion], poses: Array, reference: Calibra
     return PRESSES * presses | DRAGS * drags(DRAGS | PRESSES * presses)
 
 
-def _share_of_turn(turns_rad: Array, seen_rad: Array) -> Share:
+def _share_of_turn(turns_rad: Array, seen_rad: Array, pressed: bool) -> Share:
     """By what share `seen_rad` (n,) goes along with the turn about the elevational axis, or about one near it that the
-    motion shows. turns_rad: (3, n).
+    motion shows. turns_rad: (3, n). pressed: tissue is taken to follow a press; only then does what is unknown of the
+    axis count, as it excuses no tissue that was taken for rigid.
 
     An axis beside it is that of a probe that is held otherwise than the reference says, and no softer. It is looked for
     only where the probe turns about it by itself: of two turns that go along with each other but for the tracker's
@@ -125,7 +127,8 @@ def _share_of_turn(turns_rad: Array, seen_rad: Array) -> Share:
     shown = squares >= _LEAST_TURN**2 * float(elevational @ elevational)
     predicted = np.vstack([axes[:, shown].T @ turns_rad[:2], elevational])
     share, sigma = _share(predicted, seen_rad, np.append(np.full(len(predicted) - 1, _MISALIGNED), _ANY))
-    return share, float(np.hypot(sigma, _UNSHOWN_RAD * np.linalg.norm(along @ axes[:, ~shown])))
+    unknown = _UNSHOWN_RAD * float(np.linalg.norm(along @ axes[:, ~shown])) if pressed else 0.0
+    return share, float(np.hypot(sigma, unknown))
 
 
 def _share(predicted: Array, seen: Array, supposed: Array) -> Share:
