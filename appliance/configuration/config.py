@@ -1,6 +1,7 @@
 """The configuration file: read once, whole, and refused by line, key, value and bound when it cannot be meant."""
 
 import hashlib
+from math import isfinite
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -361,9 +362,17 @@ def is_configured(path: Path) -> bool:
 
 
 def _stated_ms(url: str, kind: str) -> float:
-    """What the URL of a source takes off every stamp."""
+    """What the URL of a source takes off every stamp; what is no number is for the driver to refuse by name."""
     options = split_url(url, kind)[2]
-    return sum(float(options.get(name, 0)) for name in ("latency_ms", "delay_ms"))
+    return sum(_number(options.get(name, "0")) for name in ("latency_ms", "delay_ms"))
+
+
+def _number(text: str) -> float:
+    try:
+        number = float(text)
+    except ValueError:
+        return 0.0
+    return number if isfinite(number) else 0.0
 
 
 def _ns(seconds: float) -> int:

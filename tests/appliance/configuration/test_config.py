@@ -66,6 +66,12 @@ def test_a_verdict_may_be_behind_by_what_the_urls_take_off_the_stamps(tmp_path: 
     assert config.durations == replace(Durations(), behind_ns=Durations().behind_ns + 1_580_000_000)
 
 
+@pytest.mark.parametrize("delay_ms", ["abc", "nan", "1e999"])
+def test_a_delay_that_is_no_number_is_left_to_the_driver_to_refuse(tmp_path: Path, delay_ms: str) -> None:
+    config = load_config(written(tmp_path, GOOD.replace("scanner", f"scanner?delay_ms={delay_ms}")))
+    assert config.durations == Durations()
+
+
 def test_units_become_nanoseconds(tmp_path: Path) -> None:
     text = GOOD + "[supervisor]\nhalt_after_s = 0.25\nvideo_silence_ms = 120\nunseen_s = 5\n"
     times = load_config(written(tmp_path, text)).supervisor
