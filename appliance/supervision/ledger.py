@@ -3,7 +3,7 @@
 from appliance.supervision.alarms import HAZARDS, SILENCES
 from appliance.supervision.condition import Condition
 from appliance.supervision.faults import FAULT_ROWS
-from appliance.supervision.policy import PLAIN, Durations, Policy, Step
+from appliance.supervision.policy import CAUGHT_UP_NS, PLAIN, Durations, Policy, Step
 from appliance.types import Check, Fault, Kind, State, Verdict, VerdictKind
 
 
@@ -11,7 +11,8 @@ class Ledger:
     """Hazards and verification as of the last tick; its boolean properties are the guards named in the table.
 
     calibration: what is wrong of it. unrecovered: what of that the policy requests a recalibration for, on its own
-    time: what motion recovers, shown for long, does not hasten it.
+    time: what motion recovers, shown for long, does not hasten it. behind: the last verdict is of a time long gone, and
+    says nothing of now: the times of picture or pose stand still or go too slowly, or no picture is judged any more.
     """
 
     def __init__(self, durations: Durations) -> None:
@@ -21,6 +22,7 @@ class Ledger:
         self.verified_ns: int | None = None
         self._expires_ns: int | None = None
         self.last: Verdict | None = None
+        self.behind = False
         self.sight: Fault | None = None
         self.notices: tuple[Fault, ...] = ()
         self.scanning = False
@@ -47,6 +49,7 @@ class Ledger:
         if not self.scanning:
             for verdict in verdicts:
                 self._note_verdict(verdict)
+        self._note_lag()
         if not verdicts and (self.device.active or self.internal.active):
             self._stand()
 
@@ -102,6 +105,7 @@ class Ledger:
 
     def _note_verdict(self, verdict: Verdict) -> None:
         self.last = verdict
+        self._note_lag()
         self._note_verification(verdict)
         if verdict.kind is VerdictKind.OK:
             self._note_ok(verdict)
@@ -138,12 +142,9 @@ class Ledger:
         self.verified_ns = shown_ns if stands else None
         self._expires_ns = verdict.expires_ns
 
-    @property
-    def behind(self) -> bool:
-        """The last verdict is of a time long gone, and says nothing of now: the times of picture or pose stand still or
-        go too slowly, or no picture is judged any more.
-        """
-        return self.last is not None and self.now_ns - self.last.t_ns > self.durations.behind_ns
+    def _note_lag(self) -> None:
+        most_ns = self.durations.behind_ns - (CAUGHT_UP_NS if self.behind else 0)
+        self.behind = self.last is not None and self.now_ns - self.last.t_ns > most_ns
 
     def _note_ok(self, verdict: Verdict) -> None:
         if self.verified_ns is not None and not self.behind:

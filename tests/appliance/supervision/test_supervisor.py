@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from appliance.supervision.alarms import BEHIND, operator_text
+from appliance.supervision.policy import CAUGHT_UP_NS
 from appliance.supervision.supervisor import AlarmTable, Inputs, Request
 from appliance.types import State, Verdict, VerdictKind
 from tests.support.supervised import (
@@ -264,6 +265,21 @@ def test_a_verdict_of_a_time_long_gone_verifies_nothing(state: State) -> None:
         found = room.at(TICK_NS, Inputs(verdicts=(Verdict(t_ns, VerdictKind.OK, (), verified_ns=shown_ns),)))
     assert found is {State.MONITORING: N, State.WARNING: H}[state], "the fault that was shown stands"
     assert (room.alarm.reason == BEHIND) is (found is N)
+
+
+def test_times_about_as_late_as_may_be_switch_the_contact_once() -> None:
+    """A cart at 15 Hz that was late by .95 s switched it 79 times in 8 s."""
+    room = room_in(State.MONITORING)
+    shown_ns = room.now_ns
+
+    def late_by(lag_ns: int) -> State:
+        said = Verdict(room.now_ns + TICK_NS - lag_ns, VerdictKind.OK, (), verified_ns=shown_ns)
+        return room.at(TICK_NS, Inputs(verdicts=(said,)))
+
+    lags_ns = (DURATIONS.behind_ns, DURATIONS.behind_ns + 1, DURATIONS.behind_ns - CAUGHT_UP_NS + 1) * 3
+    assert [late_by(lag_ns) for lag_ns in lags_ns] == [M, *[N] * 8]
+    assert late_by(DURATIONS.behind_ns - CAUGHT_UP_NS) is M
+    assert late_by(DURATIONS.behind_ns) is M
 
 
 def test_a_verdict_may_be_behind_by_as_much_as_is_known() -> None:
