@@ -286,9 +286,7 @@ class Config(_Section):
     @property
     def feed_socket(self) -> Path | None:
         """Where the feed is offered, None where it is not."""
-        if not self.feed.offered:
-            return None
-        return self.feed.socket or self.control.socket.with_name("feed")
+        return (self.feed.socket or self.control.socket.with_name("feed")) if self.feed.offered else None
 
     @property
     def simulated(self) -> tuple[str, ...]:

@@ -6,7 +6,6 @@ import sys
 from collections.abc import Iterator
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
 import click
 from rich.console import Console
@@ -41,7 +40,7 @@ from tools.shared.german import recognised, told
 from tools.shared.interruption import stopped_saying
 from tools.shared.json_report import json_of, json_option
 from tools.shared.named_cart import CONFIG, NAMED, cart_language, control_option, folder_option, socket_option
-from tools.shared.recovered import recovered
+from tools.shared.recovered import changes_text, recovered
 from tools.shared.reference_text import (
     entry_cells,
     entry_headings,
@@ -270,17 +269,11 @@ def recover(output: Path, control_socket: Path) -> None:
     check_new(output)
     with ControlClient(control_socket) as client:
         status = client.status()
-    write_calibration(output, recovered(status), {"made_by": "probewatch calibration recover", "from": _why(status)})
-    language = language_of(status)
-    click.echo(f"{_why(status, language)}\n{told('written: {file}', language, file=output)}")
-
-
-def _why(status: dict[str, Any], language: str = "en") -> str:
-    return "; ".join(
-        f"{recognised(one['name'], language)} {one['was']:.4g} → {one['now']:.4g} ± {one['sigma']:.2g} "
-        f"{recognised(one['unit'], language)}"
-        for one in status["proposal"]["values"]
+    write_calibration(
+        output, recovered(status), {"made_by": "probewatch calibration recover", "from": changes_text(status)}
     )
+    language = language_of(status)
+    click.echo(f"{changes_text(status, language)}\n{told('written: {file}', language, file=output)}")
 
 
 @command.command(name="import", short_help="convert a PLUS .xml or a 3D Slicer .tfm to a calibration file")

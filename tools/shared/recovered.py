@@ -8,6 +8,7 @@ import numpy as np
 from appliance.storage.image_to_probe import calibration_from_image_to_probe
 from appliance.types import Calibration
 from drivers.errors import ConfigurationError
+from tools.shared.german import recognised
 
 
 def recovered(status: dict[str, Any]) -> Calibration:
@@ -24,3 +25,12 @@ def recovered(status: dict[str, Any]) -> Calibration:
     matrix = np.array(proposal["image_to_probe"], np.float64)
     found = calibration_from_image_to_probe(matrix, (width, height), (lateral, axial), "status")
     return replace(found, simulated=bool(reference["simulated"] or status["simulated"]))
+
+
+def changes_text(status: dict[str, Any], language: str = "en") -> str:
+    """Returns what the service proposes to change, with sigmas, in words."""
+    return "; ".join(
+        f"{recognised(one['name'], language)} {one['was']:.4g} → {one['now']:.4g} ± {one['sigma']:.2g} "
+        f"{recognised(one['unit'], language)}"
+        for one in status["proposal"]["values"]
+    )

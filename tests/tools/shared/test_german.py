@@ -18,7 +18,8 @@ from tests.tools.selftest.test_items import poses
 from tools.selftest import items
 from tools.selftest.baseline import beside, chosen
 from tools.selftest.items import Item
-from tools.shared.german import GERMAN_OF_TOOLS, _of_page, confirmed, recognised, told
+from tools.shared.german import _of_page, confirmed, recognised, told
+from tools.shared.german_texts import GERMAN_OF_TOOLS
 from tools.shared.interruption import Stopped, stopped_saying
 
 ROOT = Path(__file__).parents[3]
