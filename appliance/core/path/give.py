@@ -85,7 +85,7 @@ def may_do(before: int, seen: Sequence[Motion], poses: Array, reference: Calibra
     tilt_rad = steps(np.array([path.tilt_rad for path in tissue])) * lateral * axial
     turns_rad = steps(np.cumsum(turned, axis=1))
     pressed = bool(before & PRESSES)
-    tilt = _share_of_turn(turns_rad, tilt_rad, pressed)
+    tilt = _share_of_turn(turns_rad, tilt_rad, True)
 
     def drags(read_as: int) -> bool:
         drag_px = steps(np.array([path.drag_px[read_as] for path in tissue]))
@@ -100,7 +100,8 @@ def may_do(before: int, seen: Sequence[Motion], poses: Array, reference: Calibra
         axis and hardly slides excludes no drag, and the share of the shear is 1.02 ± .04 instead of .94 ± .03.
         """
         shear_rad = steps(np.array([path.path_rad[read_as] for path in tissue])) * lateral * axial
-        return _may_follow(pressed, tilt, _share_of_turn(turns_rad, shear_rad, pressed))
+        tilted, sheared = (_share_of_turn(turns_rad, rad, pressed) for rad in (tilt_rad, shear_rad))
+        return _may_follow(pressed, tilted, sheared)
 
     wide = np.ptp(np.cumsum(turns_rad[2])) >= LEAST_TURN_RAD
     readings = {reading, PRESSES} if pressed else {reading}
@@ -110,10 +111,10 @@ def may_do(before: int, seen: Sequence[Motion], poses: Array, reference: Calibra
     return PRESSES * presses | DRAGS * drags(DRAGS | PRESSES * presses)
 
 
-def _share_of_turn(turns_rad: Array, seen_rad: Array, pressed: bool) -> Share:
+def _share_of_turn(turns_rad: Array, seen_rad: Array, doubted: bool) -> Share:
     """By what share `seen_rad` (n,) goes along with the turn about the elevational axis, or about one near it that the
-    motion shows. turns_rad: (3, n). pressed: tissue is taken to follow a press; only then does what is unknown of the
-    axis count, as it excuses no tissue that was taken for rigid.
+    motion shows. turns_rad: (3, n). doubted: what is unknown of the axis counts. It excuses no tissue that was taken
+    for rigid, and whose turn by ∂u_x/∂y says that it follows.
 
     An axis beside it is that of a probe that is held otherwise than the reference says, and no softer. It is looked for
     only where the probe turns about it by itself: of two turns that go along with each other but for the tracker's
@@ -127,7 +128,7 @@ def _share_of_turn(turns_rad: Array, seen_rad: Array, pressed: bool) -> Share:
     shown = squares >= _LEAST_TURN**2 * float(elevational @ elevational)
     predicted = np.vstack([axes[:, shown].T @ turns_rad[:2], elevational])
     share, sigma = _share(predicted, seen_rad, np.append(np.full(len(predicted) - 1, _MISALIGNED), _ANY))
-    unknown = _UNSHOWN_RAD * float(np.linalg.norm(along @ axes[:, ~shown])) if pressed else 0.0
+    unknown = _UNSHOWN_RAD * float(np.linalg.norm(along @ axes[:, ~shown])) if doubted else 0.0
     return share, float(np.hypot(sigma, unknown))
 
 
