@@ -15,7 +15,7 @@ from appliance.storage.calibration_file import ITK_BEGINS, calibration_bytes
 from appliance.storage.image_to_probe import calibration_from_image_to_probe, image_to_probe
 from appliance.types import Calibration, Vector
 from drivers.errors import ConfigurationError
-from drivers.files.markup import number_of
+from drivers.files.markup import numbers_of
 from drivers.samples import Matrix4
 
 _LPS = np.diag([-1.0, -1.0, 1.0, 1.0])
@@ -81,7 +81,7 @@ def _matrix(text: str, where: str) -> Matrix4:
 def _numbers(fields: dict[str, list[str]], name: str, count: int, where: str) -> Vector:
     try:
         (text,) = fields.get(name, [])
-        values = np.array([number_of(word) for word in text.split()])
+        values = np.array(numbers_of(text))
     except ValueError:
         values = np.empty(0)
     if values.shape != (count,) or not np.all(np.isfinite(values)):

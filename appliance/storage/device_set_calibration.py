@@ -9,7 +9,7 @@ import numpy as np
 from appliance.storage.image_to_probe import calibration_from_image_to_probe
 from appliance.types import Calibration
 from drivers.errors import ConfigurationError
-from drivers.files.markup import SAVE_AS_UTF_8, NotUtf8Error, number_of, xml_of
+from drivers.files.markup import SAVE_AS_UTF_8, NotUtf8Error, numbers_of, xml_of
 from drivers.samples import Matrix4
 
 _Named = tuple[str, str, str]
@@ -78,7 +78,7 @@ def _inverse(matrix: Matrix4, where: str) -> Matrix4:
 
 def _sixteen(text: str, where: str) -> Matrix4:
     try:
-        return np.array([number_of(word) for word in text.split()]).reshape(4, 4)
+        return np.array(numbers_of(text)).reshape(4, 4)
     except ValueError:
         raise ConfigurationError("Matrix is not sixteen numbers", where, "Restore the file") from None
 

@@ -62,6 +62,11 @@ def number_of(text: str) -> float:
     return float(text)
 
 
+def numbers_of(text: str) -> list[float]:
+    """The numbers that a text holds, with blanks between them. Raises ValueError as `number_of` does."""
+    return [number_of(word) for word in text.split()]
+
+
 def toml_of(data: bytes, most_bytes: int) -> dict[str, Any]:
     """The table of a TOML file. Raises ValueError: NotUtf8Error, larger, deeper or with longer numbers than a
     configuration ever is, or no TOML.

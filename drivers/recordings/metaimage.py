@@ -17,7 +17,7 @@ from typing import BinaryIO
 import numpy as np
 
 from drivers.errors import RecordingError
-from drivers.files.markup import number_of
+from drivers.files.markup import numbers_of
 from drivers.files.regular_file import reading, refuse_irregular
 from drivers.printable import printable
 from drivers.recordings.foreign import HEAD_BYTES, are_matrix, are_numbers, refuse_foreign
@@ -363,7 +363,7 @@ def _integer(path: Path, key: str, text: str) -> int:
 
 def _sixteen_numbers(path: Path, key: str, text: str) -> Matrix4:
     try:
-        return np.array([number_of(word) for word in text.split()]).reshape(4, 4)
+        return np.array(numbers_of(text)).reshape(4, 4)
     except ValueError:
         raise _refusal(path, key, f"{text[:60]!r} is not sixteen numbers", _how_sixteen(text)) from None
 

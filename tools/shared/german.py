@@ -18,7 +18,6 @@ from drivers.errors import ProbewatchError
 from tools.shared.german_texts import GERMAN_OF_TOOLS
 
 _ALL = {**GERMAN, **GERMAN_OF_TOOLS}
-_TEXTS = Texts(_ALL)
 _PAGE = Path(__file__).parents[1] / "page" / "files" / "german.js"
 _YES, _NO = ("j", "ja", "y", "yes"), ("n", "nein", "no", "")
 
@@ -35,7 +34,7 @@ def recognised(text: str, language: str) -> str:
     """
     if language == "en":
         return text
-    said = _TEXTS.translated(text)
+    said = _texts().translated(text)
     return said if said != text else _of_page(text)
 
 
@@ -58,6 +57,12 @@ def _of_page(text: str) -> str:
         return table[text]
     found = ((pattern.fullmatch(text), german) for pattern, german in patterns)
     return next((match.expand(german) for match, german in found if match is not None), text)
+
+
+@cache
+def _texts() -> Texts:
+    """Compiled when the first text is recognised: a cart whose language is English needs none."""
+    return Texts(_ALL)
 
 
 @cache

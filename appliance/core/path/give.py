@@ -86,6 +86,7 @@ def may_do(before: int, seen: Sequence[Motion], poses: Array, reference: Calibra
     turns_rad = steps(np.cumsum(turned, axis=1))
     pressed = bool(before & PRESSES)
     tilt = _share_of_turn(turns_rad, tilt_rad, True)
+    tilted = tilt if pressed else _share_of_turn(turns_rad, tilt_rad, False)
 
     def drags(read_as: int) -> bool:
         drag_px = steps(np.array([path.drag_px[read_as] for path in tissue]))
@@ -100,8 +101,7 @@ def may_do(before: int, seen: Sequence[Motion], poses: Array, reference: Calibra
         axis and hardly slides excludes no drag, and the share of the shear is 1.02 ± .04 instead of .94 ± .03.
         """
         shear_rad = steps(np.array([path.path_rad[read_as] for path in tissue])) * lateral * axial
-        tilted, sheared = (_share_of_turn(turns_rad, rad, pressed) for rad in (tilt_rad, shear_rad))
-        return _may_follow(pressed, tilted, sheared)
+        return _may_follow(pressed, tilted, _share_of_turn(turns_rad, shear_rad, pressed))
 
     wide = np.ptp(np.cumsum(turns_rad[2])) >= LEAST_TURN_RAD
     readings = {reading, PRESSES} if pressed else {reading}
