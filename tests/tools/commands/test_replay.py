@@ -26,19 +26,29 @@ from tools.shared.inject import inject
 FRAME_PX = (48, 32)
 
 
-@pytest.fixture
-def session(tmp_path):
-    path = tmp_path / "session.igs.mha"
+def recorded_in(folder):
+    """A session of 40 pictures."""
+    path = folder / "session.igs.mha"
     write_metaimage(path, items(40, FRAME_PX), FRAME_PX)
     return path
 
 
-@pytest.fixture
-def calibration(tmp_path):
-    path = tmp_path / "probe.toml"
+def calibrated_in(folder):
+    """The calibration of its probe."""
+    path = folder / "probe.toml"
     reference = Calibration(np.eye(3), (1, 1), np.array([0.2, 0.2]), np.zeros(3), FRAME_PX)
     write_calibration(path, reference, {})
     return path
+
+
+@pytest.fixture
+def session(tmp_path):
+    return recorded_in(tmp_path)
+
+
+@pytest.fixture
+def calibration(tmp_path):
+    return calibrated_in(tmp_path)
 
 
 def spoiled(path, *episodes):

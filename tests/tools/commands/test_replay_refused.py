@@ -5,30 +5,22 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from appliance.storage.calibration_file import write_calibration
-from appliance.types import Calibration
 from drivers.recordings.metaimage_writing import write_metaimage
 from tests.support.answers import answered
 from tests.support.recordings import items, turn
-from tests.tools.commands.test_replay import FRAME_PX, run
+from tests.tools.commands.test_replay import FRAME_PX, calibrated_in, recorded_in, run
 
 
 @pytest.fixture
 def session(tmp_path):
-    path = tmp_path / "session.igs.mha"
-    write_metaimage(path, items(40, FRAME_PX), FRAME_PX)
-    return path
+    return recorded_in(tmp_path)
 
 
 @pytest.fixture
 def calibration(tmp_path):
-    path = tmp_path / "probe.toml"
-    reference = Calibration(np.eye(3), (1, 1), np.array([0.2, 0.2]), np.zeros(3), FRAME_PX)
-    write_calibration(path, reference, {})
-    return path
+    return calibrated_in(tmp_path)
 
 
 def cut(path):

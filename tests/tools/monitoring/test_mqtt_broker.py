@@ -24,15 +24,10 @@ UNASKED = b"\x32\x07\x00\x01t\x00\x01hi"  # PUBLISH that must be acknowledged
 CHUNK = bytes(1 << 16)
 
 
-class HostileBroker:
-    """Accepts each connection and says what it is told to, then more without end. taken: bytes of that by connection;
-    came_s: when each came.
-    """
+class FalseBroker:
+    """A port that serves one connection after the other, until it is closed."""
 
-    def __init__(self, says: bytes, more: bytes) -> None:
-        self._says, self._more = says, more
-        self.taken: list[int] = []
-        self.came_s: list[float] = []
+    def __init__(self) -> None:
         self._door = socket.create_server(("127.0.0.1", 0))
         self.port: int = self._door.getsockname()[1]
         self._thread = threading.Thread(target=self._run)
@@ -45,10 +40,30 @@ class HostileBroker:
             except OSError:
                 return
             with link:
-                self.came_s.append(time.monotonic())
-                self.taken.append(self._serve(link))
+                self._serve(link)
 
-    def _serve(self, link: socket.socket) -> int:
+    def _serve(self, link: socket.socket) -> None:
+        raise NotImplementedError
+
+    def close(self) -> None:
+        self._door.shutdown(socket.SHUT_RDWR)
+        self._door.close()
+        self._thread.join()
+
+
+class HostileBroker(FalseBroker):
+    """Says what it is told to on each connection, then more without end. taken: bytes of that, by connection; came_s:
+    when each connection was made.
+    """
+
+    def __init__(self, says: bytes, more: bytes) -> None:
+        self._says, self._more = says, more
+        self.taken: list[int] = []
+        self.came_s: list[float] = []
+        super().__init__()
+
+    def _serve(self, link: socket.socket) -> None:
+        self.came_s.append(time.monotonic())
         taken = 0
         link.settimeout(10)
         try:
@@ -58,12 +73,7 @@ class HostileBroker:
                 taken += link.send(self._more)
         except OSError:
             pass
-        return taken
-
-    def close(self) -> None:
-        self._door.shutdown(socket.SHUT_RDWR)
-        self._door.close()
-        self._thread.join()
+        self.taken.append(taken)
 
 
 @pytest.mark.filterwarnings("ignore:unclosed <socket:ResourceWarning")  # of the library, with each connection
@@ -99,7 +109,7 @@ def test_a_broker_that_says_more_than_answers_is_left_and_tried_again_ever_later
     gc.collect()
 
 
-class TakingBroker:
+class TakingBroker(FalseBroker):
     """Takes what is published and answers pings; acknowledges only while it is told to. told: what came on each topic;
     ends: how each connection ended, DISCONNECT or broken off.
     """
@@ -108,21 +118,13 @@ class TakingBroker:
         self.acknowledges = False
         self.told: list[tuple[str, str]] = []
         self.ends: list[str] = []
-        self._door = socket.create_server(("127.0.0.1", 0))
-        self.port: int = self._door.getsockname()[1]
-        self._thread = threading.Thread(target=self._run)
-        self._thread.start()
+        super().__init__()
 
-    def _run(self) -> None:
-        while True:
-            try:
-                link, _ = self._door.accept()
-            except OSError:
-                return
-            with link, link.makefile("rb") as stream:
-                self.ends.append(self._serve(link, stream))
+    def _serve(self, link: socket.socket) -> None:
+        with link.makefile("rb") as stream:
+            self.ends.append(self._end_of(link, stream))
 
-    def _serve(self, link: socket.socket, stream: BinaryIO) -> str:
+    def _end_of(self, link: socket.socket, stream: BinaryIO) -> str:
         while head := stream.read(1):
             length, shift = 0, 0
             while True:
@@ -145,11 +147,6 @@ class TakingBroker:
                 if self.acknowledges:
                     link.sendall(b"\x40\x02" + body[topic_end : topic_end + 2])
         return "broken off"
-
-    def close(self) -> None:
-        self._door.shutdown(socket.SHUT_RDWR)
-        self._door.close()
-        self._thread.join()
 
 
 def test_a_broker_that_acknowledges_nothing_is_said_once_and_tried_again(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,7 +2,7 @@
 
 import itertools
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -38,8 +38,12 @@ def truth() -> Calibration:
 
 
 def wires(frames: int) -> Iterator[Sample]:
-    seen = world()
-    for index in range(frames):
+    return scanned(world(), range(frames))
+
+
+def scanned(seen: World, indices: Iterable[int]) -> Iterator[Sample]:
+    """A picture and two poses for each index, 20 pictures a second."""
+    for index in indices:
         t_s = index / 20
         yield Frame(Stamp(round(t_s * 1e9), 40_000), index, seen.frame(t_s, index))
         for half in range(2):

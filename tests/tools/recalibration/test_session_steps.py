@@ -14,7 +14,7 @@ from appliance.service.control.server import ControlRefused
 from drivers.errors import ProbewatchError
 from drivers.samples import Frame, Pose, PoseStatus, Sample, Stamp
 from tests.support.polling import until
-from tests.tools.recalibration.test_session import CHOSEN, SIGNED, SIZE_PX, Bench, wires, world
+from tests.tools.recalibration.test_session import CHOSEN, SIGNED, SIZE_PX, Bench, scanned, wires, world
 from tools.recalibration.phase import Phase
 
 
@@ -72,13 +72,7 @@ def elsewhere(first: int, frames: int, shift_mm: float) -> Iterator[Sample]:
     """The tank was moved: the same pictures, the probe at another place of the room."""
     seen = world()
     seen.tissue_to_tracker[:3, 3] += shift_mm
-    for index in range(first, first + frames):
-        t_s = index / 20
-        yield Frame(Stamp(round(t_s * 1e9), 40_000), index, seen.frame(t_s, index))
-        for half in range(2):
-            pose_s = t_s + (half + 0.5) / 40
-            pose = seen.measured_pose(pose_s, 2 * index + half)
-            yield Pose(Stamp(round(pose_s * 1e9), 40_000), 2 * index + half, pose, 0.1, PoseStatus.OK)
+    return scanned(seen, range(first, first + frames))
 
 
 @pytest.mark.thorough
