@@ -360,7 +360,7 @@ def is_configured(path: Path) -> bool:
 
 
 def _stated_ms(url: str, kind: str) -> float:
-    """What the URL of a source takes off every stamp; what is no number is for the driver to refuse by name."""
+    """Returns the delay that the URL of a source states; 0 for text that is no number, which the driver refuses."""
     options = split_url(url, kind)[2]
     return sum(_number(options.get(name, "0")) for name in ("latency_ms", "delay_ms"))
 

@@ -141,8 +141,8 @@ def is_device_set(data: bytes) -> bool:
 
 
 def provenance_of(data: bytes) -> dict[str, str]:
-    """What the content says of its origin, our own TOML alone; empty where it cannot be read. Anybody may have written
-    it: `printable` it must be made where it is shown.
+    """Returns what a calibration file in TOML states of its origin; empty where it cannot be read. Anybody may have
+    written it, so whoever shows it must pass it through `printable`.
     """
     if is_device_set(data):
         return {}

@@ -184,7 +184,7 @@ def translated(text: str, language: str) -> str:
 
 
 _FIELDS = {"name": ".+?", "names": ".+", "unit": ".*?", "motions": ".+", "said": ".+?", "text": ".+?", "what": ".+?"}
-"""What each field of a template may be; all others are figures."""
+"""Regular expressions of the fields of a template; every other field is a number."""
 _LISTS = {"name": ", ", "names": ", ", "motions": " + "}
 """Fields whose parts are texts of the table, and what stands between them."""
 _NUMBER = r"[-+]?\d\S*"
@@ -227,8 +227,8 @@ class Texts:
         return None
 
     def _filled(self, template: str, parts: Mapping[str, str]) -> str | None:
-        """Names of checks and motions, and what is said, must be known; units that are words are translated, symbols
-        and numbers stay.
+        """Returns the template with its fields filled in, None where the table lacks the name of a check or motion, or
+        the text of `said`. Units that are words are translated; symbols and numbers stay.
         """
         table = self._table
         listed = {key: parts[key].split(joint) for key, joint in _LISTS.items() if key in parts}

@@ -159,7 +159,7 @@ def test_what_may_be_drag_of_the_skin_does_not_hide_that_tissue_follows() -> Non
 
 
 def oblique(seconds: float, aslant: float, follows: float = 0.0, drags: float = 0.0) -> PathWindow:
-    """Of a hand that turns about one axis beside the elevational, so that its lateral turn is a share of that turn."""
+    """Returns the window of a hand that turns about one oblique axis. aslant: lateral turn ÷ elevational turn."""
 
     def path(t_s: Array) -> Array:
         turn_rad = 0.1 * np.sin(1.7 * t_s)

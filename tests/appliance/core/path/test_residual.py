@@ -68,7 +68,7 @@ def test_over_tissue_that_may_give_way_a_probe_that_hardly_turns_shows_nothing(t
 
 @pytest.mark.parametrize(("rows", "tells"), [(200, False), (300, True)])
 def test_over_tissue_that_may_give_way_a_shallow_picture_shows_nothing(rows: int, tells: bool) -> None:
-    """Of 14 mm and 21: in the first the drag of the skin is too much like a turn."""
+    """Pictures are 14 and 21 mm deep; at 14 mm the drag of the skin cannot be told from a turn."""
     truth = replace(TRUTH, image_size_px=(640, rows))
     for rigid_tissue in (False, True):
         given = samples(tilting_path, 240, 2, motions.Noise(), truth, rigid_tissue=rigid_tissue)

@@ -1,4 +1,4 @@
-"""Which fields of the status are in the language of the room is said by the field `language`."""
+"""The description of the field `language` names the fields of the status that are translated."""
 
 import re
 
