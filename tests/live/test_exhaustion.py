@@ -79,8 +79,8 @@ def test_no_descriptor_left_is_an_internal_fault_and_ends_with_the_want(monitori
 
 def test_a_tracker_that_cannot_be_opened_for_want_of_descriptors_is_named_and_comes_back(monitoring: Cart) -> None:
     """What the devices had is free when they are lost, so the descriptors are taken away after that. The scanner needs
-    just one, and may take the one that is kept for a person; so it is gone until the want has ended. So may the
-    tracker, while it is free for a person who asks: who asks 200 times a second lost it at times.
+    just one, and may take the one that is kept for a person while a client is accepted; so it is gone until the want
+    has ended.
     """
     assert monitoring.daemon is not None
     service = monitoring.daemon.process

@@ -263,11 +263,14 @@ class ControlServer(Closable):
             del self._silent[client]
         else:
             self._clients.remove(client)
-        client.link.close()
-        self._keep_spare()
+        if self._spare is None:
+            # In one step: a device that is being opened again takes a number that is free for a moment.
+            self._spare = os.dup2(self._lock_fd, client.link.detach(), inheritable=False)
+        else:
+            client.link.close()
 
     def _keep_spare(self) -> None:
-        """Keep it, also later: a device that is being opened may have taken it for a moment."""
+        """Keep it, also later: a device that was being opened may have taken it while a client was accepted."""
         if self._spare is None:
             with contextlib.suppress(OSError):
                 self._spare = os.dup(self._lock_fd)

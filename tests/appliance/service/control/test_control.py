@@ -2,8 +2,6 @@
 
 import contextlib
 import json
-import os
-import resource
 import socket
 import stat
 import threading
@@ -347,23 +345,3 @@ def test_a_crowd_that_always_asks_keeps_nobody_waiting(tmp_path: Path) -> None:
                 link.connect(str(tmp_path / "control"))
                 assert polls_until_answered(link) <= 4
             assert polls_until_answered(staying) <= 4
-
-
-def test_a_person_is_answered_when_no_descriptor_is_left(tmp_path: Path) -> None:
-    """And again: the one that is kept for this comes back when the person has left."""
-    before = resource.getrlimit(resource.RLIMIT_NOFILE)
-    with ControlServer(tmp_path / "control") as server:
-        for _ in range(3):
-            with socket.socket(socket.AF_UNIX) as link, contextlib.ExitStack() as rest:
-                link.connect(str(tmp_path / "control"))
-                link.sendall(b'{"v": 1, "do": "status"}\n')
-                used = max(int(entry.name) for entry in Path("/proc/self/fd").iterdir())
-                resource.setrlimit(resource.RLIMIT_NOFILE, (used + 3, before[1]))
-                try:
-                    with contextlib.suppress(OSError):
-                        while True:
-                            rest.callback(os.close, os.dup(link.fileno()))
-                    assert answered_at(server, link, 5)
-                finally:
-                    resource.setrlimit(resource.RLIMIT_NOFILE, before)
-            server.poll(lambda do, request, who: {})
