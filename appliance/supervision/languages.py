@@ -188,10 +188,12 @@ _FIELDS = {"name": ".+?", "names": ".+", "unit": ".*?", "motions": ".+", "said":
 _LISTS = {"name": ", ", "names": ", ", "motions": " + "}
 """Fields whose parts are texts of the table, and what stands between them."""
 _NUMBER = r"[-+]?\d\S*"
+_FORMAT = re.compile(r"(?<={)(\w+):[^{}]*(?=})")
+"""The field of a template with a number's format, which a text that is recognised has been through already."""
 
 
 def _pattern(template: str) -> re.Pattern[str]:
-    """Matches what the template becomes; a field that comes twice is the same both times."""
+    """Matches what the template without formats becomes; a field that comes twice is the same both times."""
     seen: set[str] = set()
 
     def group(field: re.Match[str]) -> str:
@@ -208,8 +210,8 @@ class Texts:
     """A table of texts of one language, from the English text or its template, with all that it recognises."""
 
     def __init__(self, table: Mapping[str, str]) -> None:
-        self._table = table
-        self._patterns = {english: _pattern(english) for english in table if re.search(r"{\w+}", english)}
+        self._table = {_FORMAT.sub(r"\1", english): _FORMAT.sub(r"\1", text) for english, text in table.items()}
+        self._patterns = {english: _pattern(english) for english in self._table if re.search(r"{\w+}", english)}
 
     def translated(self, text: str) -> str:
         """Returns the text whole in the language, else the English text itself."""

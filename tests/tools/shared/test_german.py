@@ -159,6 +159,13 @@ def test_what_is_told_is_filled_in_and_what_is_unknown_stays_english() -> None:
     assert recognised("something new, at most 3 mm", "de") == "something new, at most 3 mm"
 
 
+def test_a_template_whose_fields_have_a_format_is_recognised_as_it_was_told_or_as_it_stands() -> None:
+    assert recognised("verified 1.2 s ago", "de") == "bestätigt vor 1.2 s"
+    rates = "video 30.0/s · tracker 60.0/s · dropped: 1 frames, 2 poses"
+    assert recognised(rates, "de") == "Video 30.0/s · Tracker 60.0/s · verworfen: 1 Bilder, 2 Posen"
+    assert recognised("verified {age:.1f} s ago", "de") == "verified {age:.1f} s ago"
+
+
 def test_what_the_page_says_of_a_scan_is_known_as_well() -> None:
     assert recognised("3 usable views of the crossing, 8 are needed", "de") == (
         "3 brauchbare Ansichten der Kreuzung, 8 sind nötig"
