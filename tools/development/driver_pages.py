@@ -1,5 +1,5 @@
-"""What is made of the drivers' descriptors: the tables of docs/trackers.md and docs/devices.md, each between two marks,
-and the unit's DeviceAllow, a drop-in of systemd. `python -m tools.development.manual` writes them.
+"""What is made of the drivers' descriptors: the tables of docs/trackers.md, docs/devices.md and docs/connect.md, each
+between two marks, and the unit's DeviceAllow, a drop-in of systemd. `python -m tools.development.manual` writes them.
 """
 
 from collections.abc import Callable, Iterator
@@ -11,7 +11,7 @@ from tools.development.markdown import table
 from tools.development.page_blocks import PageBlocks
 
 _ROOT = Path(__file__).parents[2]
-PAGES = (_ROOT / "docs" / "trackers.md", _ROOT / "docs" / "devices.md")
+PAGES = tuple(_ROOT / "docs" / name for name in ("trackers.md", "devices.md", "connect.md"))
 DROP_IN = _ROOT / "systemd" / "probewatch.service.d" / "10-devices.conf"
 
 

@@ -1,7 +1,7 @@
 """`python -m tools.development.manual`: writes docs/alarms.md from the supervisor's tables, docs/hazards.md from code
 and tests, docs/coverage.md and docs/evidence.md from docs/evidence.json,
 docs/profiles.md from docs/profiles.json, the drawings of the gestures in docs/pictures, and what the drivers say of
-themselves: tables of docs/trackers.md and docs/devices.md, and the unit's DeviceAllow.
+themselves: tables of docs/trackers.md, docs/devices.md and docs/connect.md, and the unit's DeviceAllow.
 """
 
 import re

@@ -58,7 +58,8 @@ def test_the_tables_of_the_drivers_are_those_of_their_descriptors() -> None:
         assert file.read_text(encoding="utf-8") == text, f"{file}: run make docs"
     made = [name for page in driver_pages.PAGES for name in driver_pages.BLOCKS.names(page.read_text(encoding="utf-8"))]
     simulated = {driver.twin: driver.scheme for driver in reversed(drivers().values()) if driver.kinds == ("tracker",)}
-    assert sorted(made) == sorted(["trackers", "video", "outputs", *(f"options {one}" for one in simulated.values())])
+    of_options = [f"options {one}" for one in (*simulated.values(), "igtl")]
+    assert sorted(made) == sorted(["trackers", "video", "outputs", *of_options])
     assert driver_pages.BLOCKS.page("<!-- drivers: video -->\nold\n<!-- /drivers -->\n").count("v4l2:") == 1
     with pytest.raises(KeyError):
         driver_pages.BLOCKS.page("<!-- drivers: options nobody -->\n<!-- /drivers -->\n")
