@@ -99,13 +99,17 @@ def _overloaded(found: Summary) -> str:
     """What is not known because the log has no entry for each change of a time of overload."""
     long = _duration(sum(one.lasted_s for one in found.overloads))
     unlogged = sum(one.unlogged or 0 for one in found.overloads)
-    known = f"{unlogged} changes of the state have no entry of their own"
-    if any(one.unlogged is None for one in found.overloads):
-        known = f"at least {known}"
-    return (
-        f"This computer was overloaded {_times(len(found.overloads))}, for {long} in all. Meanwhile {known}: "
-        "times in each state and of each fault are known only in part."
-    )
+    is_counted = all(one.unlogged is not None for one in found.overloads)
+    told = f"This computer was overloaded {_times(len(found.overloads))}, for {long} in all."
+    if is_counted and not unlogged:
+        return f"{told} Each change of the state has its own entry all the same."
+    least = "" if is_counted else "at least "
+    changes = "1 change of the state has no entry of its own"
+    if unlogged != 1:
+        changes = f"{unlogged} changes of the state have no entry of their own"
+    if not unlogged:
+        least, changes = "", "changes of the state may have no entry of their own"
+    return f"{told} Meanwhile {least}{changes}: times in each state and of each fault are known only in part."
 
 
 def _times(number: int) -> str:

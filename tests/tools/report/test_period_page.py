@@ -351,3 +351,27 @@ def test_minutes_are_not_told_as_no_hours(cart: Path, tmp_path: Path) -> None:
     told = " ".join(body(cart, "2026-01-01").split())
     assert "The service ran for 3 min" in told
     assert "monitoring 3 min 100.0 %" in told
+
+
+@pytest.mark.parametrize(
+    ("ended", "said"),
+    [
+        ({"for_s": 360}, "for 6 min in all. Each change of the state has its own entry all the same."),
+        (
+            {"for_s": 360, "repeated": {"warning (scale)": 1}},
+            "Meanwhile 1 change of the state has no entry of its own:",
+        ),
+        (None, "Meanwhile changes of the state may have no entry of their own: times in each state"),
+    ],
+)
+def test_an_overload_is_told_with_as_many_changes_as_are_known(
+    tmp_path: Path, ended: dict[str, object] | None, said: str
+) -> None:
+    """It was "at least 0 changes"."""
+    entries = [(1.0, "state", state("monitoring")), (1.1, "overloaded", {"pressure": 0.6})]
+    entries += [] if ended is None else [(1.2, "overload-ended", ended)]
+    folder = logged(tmp_path / "alarms", [*entries, (6.0, "stopped", {})])
+    config = tmp_path / "probewatch.toml"
+    config.write_text(f'{GOOD}[alarm]\nfolder = "{folder}"\n')
+    made(config, "--period", "day", of=f"{START:%Y-%m-%d}")
+    assert said in body(config, f"{START:%Y-%m-%d}")
