@@ -20,11 +20,14 @@ _STYLE = """
 @media (prefers-color-scheme: dark) { :root { --text: #e8e6ea; --ground: #16151a; --faint: #34323a; --soft: #aaa;
   --a: #7db4ea; --b: #f0ae52; --bad: #ff8a80; --good: #81c784; --wait: #4dd0e1; --warn: #ffd54f; } }
 @page { size: A4; margin: 15mm; }
-@media print { :root { color-scheme: light; } body { margin: 0; } section { break-inside: avoid; } }
+@media print { :root { color-scheme: light; } body { margin: 0; }
+  h2, .note { break-after: avoid; } img + .note { break-before: avoid; }
+  tr, table, svg, img { break-inside: avoid; } }
 body { max-width: 62rem; margin: 2rem auto; padding: 0 1rem; color: var(--text); background: var(--ground); }
 table { border-collapse: collapse; margin: 1rem 0; font-variant-numeric: tabular-nums; }
 th, td { padding: .2rem .7rem; border-bottom: 1px solid var(--faint); text-align: left; }
-th.figure, td.figure { text-align: right; } td.bad { color: var(--bad); font-weight: 600; }
+th.figure, td.figure { text-align: right; } td.figure { white-space: nowrap; }
+td.bad { color: var(--bad); font-weight: 600; }
 td.good { color: var(--good); } .note { color: var(--soft); } .verdict { font-size: 1.3rem; font-weight: 600; }
 .good { color: var(--good); } .bad { color: var(--bad); } .wait { color: var(--wait); } .warn { color: var(--warn); }
 svg, img { max-width: 100%; height: auto; } svg text { font-size: 12px; fill: var(--text); }

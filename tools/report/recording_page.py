@@ -35,6 +35,10 @@ _KINDS = {
 _KINDS_BY_NAME = {state.value: kind for state, kind in _KINDS.items()}
 _ARROW_LEAST_PX, _ARROW_TIMES = 30, 10
 """A motion from one picture to the next is a pixel or so: it is drawn longer, by this factor or so that it is seen."""
+_NAMES_WIDE = 150
+"""Units of a drawing: of the longest name, rotation-elevational, in letters of 12; more leaves less to the bars."""
+_NAME_HIGH = 190
+"""Units of a drawing on whose side a name and its unit stand upright in letters of 12 units; less cuts the name."""
 _NAMES = ("polarity", "latency", *PARAMETERS)
 """In the order in which they are drawn."""
 _VERDICTS = {VerdictKind.OK: "good", VerdictKind.FAULT: "bad", VerdictKind.NOT_VERIFIED: "wait"}
@@ -129,13 +133,14 @@ def _missing(trace: Trace, report: LineReport) -> str:
 
 def _coverage(trace: Trace) -> str:
     names = [name for name in _NAMES if name in trace.curves]
-    plot = Plot((0, max(trace.duration_s, 1e-3)), (0, max(len(names), 1)), "s", "", height=40 + 22 * len(names))
+    across, rows_high = (0, max(trace.duration_s, 1e-3)), (0, max(len(names), 1))
+    plot = Plot(across, rows_high, "s", "", height=40 + 22 * len(names), left=_NAMES_WIDE)
     rows = []
     for place, name in enumerate(names):
         curve, low = trace.curves[name], len(names) - 1 - place
         for start_s, end_s in _spells(curve):
             plot.block(start_s, end_s, low + 0.15, low + 0.85, "good", f"{name} shown {start_s:.1f} … {end_s:.1f} s")
-        plot.word(0, low + 0.5, name)
+        plot.row(low + 0.5, name)
         rows.append((name, f"{100 * sum(curve.shown) / max(len(curve.shown), 1):.0f} %"))
     return plot.svg("when each parameter was shown") + table(("parameter", "of the time shown"), rows)
 
@@ -175,7 +180,9 @@ def _curves(curves: dict[str, Curve], duration_s: float) -> list[str]:
         curve = curves.get(name)
         if curve is None or not any(map(isfinite, curve.value)) or name == "polarity":
             continue
-        plot = Plot((0, max(duration_s, 1e-3)), (-2 * curve.limit, 2 * curve.limit), "s", f"{name}, {curve.unit}", 150)
+        plot = Plot(
+            (0, max(duration_s, 1e-3)), (-2 * curve.limit, 2 * curve.limit), "s", f"{name}, {curve.unit}", _NAME_HIGH
+        )
         pairs = list(zip(curve.value, curve.sigma, strict=True))
         plot.band(curve.t_s, [v - s for v, s in pairs], [v + s for v, s in pairs], "a")
         plot.line(curve.t_s, curve.value, "a")

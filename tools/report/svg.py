@@ -38,12 +38,20 @@ def ticks(low: float, high: float) -> list[float]:
 
 
 class Plot:
-    """x, y: (low, high) of the axes; what is beyond is drawn at the edge. height: of the drawing's units."""
+    """x, y: (low, high) of the axes; what is beyond is drawn at the edge. height: of the drawing's units. left: margin,
+    wide enough for what `row` writes into it.
+    """
 
     def __init__(
-        self, x: tuple[float, float], y: tuple[float, float], x_label: str, y_label: str, height: int = 220
+        self,
+        x: tuple[float, float],
+        y: tuple[float, float],
+        x_label: str,
+        y_label: str,
+        height: int = 220,
+        left: int = _LEFT,
     ) -> None:
-        self._x, self._y, self._height = _opened(x), _opened(y), height
+        self._x, self._y, self._height, self._left = _opened(x), _opened(y), height, left
         self._parts: list[str] = []
         self._names: list[tuple[str, str]] = []
         self._axes(x_label, y_label)
@@ -77,7 +85,7 @@ class Plot:
     def level(self, y: float, kind: str = "limit") -> None:
         """A line across."""
         at = f"{self._at_y(y):.1f}"
-        self._parts.append(f'<line class="{kind}" x1="{_LEFT}" x2="{_WIDTH - _RIGHT}" y1="{at}" y2="{at}"/>')
+        self._parts.append(f'<line class="{kind}" x1="{self._left}" x2="{_WIDTH - _RIGHT}" y1="{at}" y2="{at}"/>')
 
     def block(self, from_x: float, to_x: float, low: float, high: float, kind: str, title: str) -> None:
         """A rectangle that says its title where one points at it."""
@@ -91,11 +99,16 @@ class Plot:
         at = f'x="{self._at_x(x) + 4:.1f}" y="{self._at_y(y) + 4:.1f}"'
         self._parts.append(f"<text {at}>{html.escape(text)}</text>")
 
+    def row(self, y: float, text: str) -> None:
+        """In the margin on the left."""
+        at = f'x="{self._left - 6}" y="{self._at_y(y) + 4:.1f}"'
+        self._parts.append(f'<text class="left" {at}>{html.escape(text)}</text>')
+
     def svg(self, title: str) -> str:
         """The whole, with its title for those who cannot see it."""
         name = html.escape(title, quote=True)
         legend = "".join(
-            f'<text class="{kind}" x="{_LEFT + 8 + 150 * k}" y="{_TOP + 14}">{html.escape(text)}</text>'
+            f'<text class="{kind}" x="{self._left + 8 + 150 * k}" y="{_TOP + 14}">{html.escape(text)}</text>'
             for k, (kind, text) in enumerate(self._names)
         )
         head = f'<svg role="img" aria-label="{name}" viewBox="0 0 {_WIDTH} {self._height}">'
@@ -109,9 +122,9 @@ class Plot:
             self._parts.append(f'<text class="tick" x="{at}" y="{bottom + 14}">{x:g}</text>')
         for y in ticks(*self._y) if y_label else ():
             row = self._at_y(y)
-            self._parts.append(f'<line class="grid" x1="{_LEFT}" x2="{right}" y1="{row:.1f}" y2="{row:.1f}"/>')
-            self._parts.append(f'<text class="tick left" x="{_LEFT - 6}" y="{row + 4:.1f}">{y:g}</text>')
-        place = f'x="{(_LEFT + right) / 2}" y="{bottom + 28}"'
+            self._parts.append(f'<line class="grid" x1="{self._left}" x2="{right}" y1="{row:.1f}" y2="{row:.1f}"/>')
+            self._parts.append(f'<text class="tick left" x="{self._left - 6}" y="{row + 4:.1f}">{y:g}</text>')
+        place = f'x="{(self._left + right) / 2}" y="{bottom + 28}"'
         self._parts.append(f'<text class="label" {place}>{html.escape(x_label)}</text>')
         place = f'transform="translate(14,{(_TOP + bottom) / 2:.0f}) rotate(-90)"'
         self._parts.append(f'<text class="label" {place}>{html.escape(y_label)}</text>')
@@ -122,7 +135,7 @@ class Plot:
 
     def _at_x(self, x: float) -> float:
         low, high = self._x
-        return _LEFT + (_WIDTH - _LEFT - _RIGHT) * min(max((x - low) / (high - low), 0), 1)
+        return self._left + (_WIDTH - self._left - _RIGHT) * min(max((x - low) / (high - low), 0), 1)
 
     def _at_y(self, y: float) -> float:
         low, high = self._y

@@ -1,6 +1,8 @@
 """Tables of the pages: words on the left, figures on the right, and only a mark counts as one."""
 
-from tools.report.page import table
+from pathlib import Path
+
+from tools.report.page import section, table, write_page
 
 
 def test_words_stand_on_the_left_and_figures_on_the_right() -> None:
@@ -20,3 +22,11 @@ def test_the_sign_of_a_figure_is_no_mark() -> None:
 
 def test_a_table_without_rows_has_its_headings() -> None:
     assert "<th scope=col>s</th><th scope=col>state</th>" in table(("s", "state"), [])
+
+
+def test_on_paper_a_long_section_begins_under_the_one_before(tmp_path: Path) -> None:
+    """Each was kept whole, so that two of six pages of a recording were blank by half."""
+    write_page(tmp_path / "x.html", "x", [section("Parameters", table(("s",), [("1",)]))])
+    style = (tmp_path / "x.html").read_text().split("@media print")[1].partition("body { max-width")[0]
+    assert "section" not in style
+    assert "tr, table, svg, img { break-inside: avoid; }" in style

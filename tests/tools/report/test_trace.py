@@ -68,6 +68,16 @@ def test_ticks_are_round_numbers(low: float, high: float, wanted: list[float]) -
     assert all(low - 1e-6 <= one <= high + 1e-6 for one in found)
 
 
+def test_a_name_beside_a_row_ends_before_the_plot_begins() -> None:
+    """In the plot it lay across the bars."""
+    plot = Plot((0, 3), (0, 2), "s", "", left=150)
+    plot.block(0, 3, 0, 1, "good", "shown")
+    plot.row(0.5, "rotation-elevational")
+    drawn = plot.svg("coverage")
+    assert '<rect class="good" x="150.0"' in drawn
+    assert '<text class="left" x="144"' in drawn
+
+
 def test_a_plot_breaks_where_nothing_is_known_and_escapes_what_it_is_told() -> None:
     plot = Plot((0, 3), (0, 1), "s", "<b>")
     plot.line([0, 1, 2, 3], [0, float("nan"), 1, 1], "a")
