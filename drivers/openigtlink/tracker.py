@@ -57,6 +57,10 @@ _MOST_COMPLAINTS = 16
 
 _KINDS = ("TRANSFORM", "TDATA", "QTDATA", "STATUS")
 _NAME_IT = "Name one that it sends by probe= in the URL; where the name is right, bring the tool into view"
+_SEND_IT = (
+    "Have the server send the tool's pose as TRANSFORM (PLUS: TransformNames); where it does, bring the tool into view"
+)
+_POSES = ("TRANSFORM ", "TDATA ", "QTDATA ")
 _BLAMELESS = (UNKNOWN_INSTRUCTION, UNKNOWN_VERSION)
 """Codes that answer a question of ours and say nothing of the tracker."""
 
@@ -135,7 +139,8 @@ class IgtlTracker(Closable):
         named = f"no transform '{printable(self._options.probe)}'"
         if self._damage:
             return f"{named} could be read: {self._damage}", FOLLOW_REMEDY
-        return f"{named} came; the server sends {self._client.others}", _NAME_IT
+        remedy = _NAME_IT if any(name.startswith(_POSES) for name in self._client.received) else _SEND_IT
+        return f"{named} came; the server sends {self._client.others}", remedy
 
     def read(self, timeout_s: float) -> Pose | None:
         """The next pose, or word that there is none: see drivers.device_api.

@@ -111,8 +111,8 @@ def command(url: str | None, seconds: float, only: str | None, may_click: bool) 
 
 def _probe_output(url: str, may_click: bool, clock: HostClock) -> None:
     if not may_click:
-        remedy = "Add --click while the contact is not in use"
-        raise ConfigurationError("probing an output moves its contact", url, remedy)
+        does, what = ("sounds its tone", "tone") if url.startswith("tone:") else ("moves its contact", "contact")
+        raise ConfigurationError(f"probing an output {does}", url, f"Add --click while the {what} is not in use")
     with open_output(url, clock) as output:
         _print(_description(output))
         said = [_click(output, energised, url, clock) for energised in (True, False)]
