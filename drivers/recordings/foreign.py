@@ -23,6 +23,9 @@ _AS_CSV = "Save its table of poses as CSV (docs/black-box.md has the columns)"
 _ARRAYS = "Give arrays to appliance.api.judge (docs/python.md)"
 _CONVERT = f"Convert it to MP4 or MKV; {POSES_APART}"
 
+_FILMS = (".mp4", ".m4v", ".mov", ".avi", ".mkv", ".webm")
+"""Suffixes of the films that are read."""
+
 _KINDS = (
     (0, b"#ROSBAG", "a ROS bag", _REPLAY),
     (0, b"\x89MCAP", "a black box or a ROS bag (MCAP)", _BLACK_BOX),
@@ -118,6 +121,10 @@ def refuse_foreign(head: bytes, path: Path) -> None:
         if b"t_s" in first:
             what = "begins as a table of poses, and its name does not end in .csv"
             raise RecordingError(what, str(path), f"Save it with commas as .csv; {POSES_APART}")
+        if path.suffix.lower() in _FILMS:
+            raise RecordingError(
+                f"is no film: it does not begin as {path.suffix.lower()} does", str(path), "Copy or export it again"
+            )
         line = first[:40].decode("utf-8", "replace")
         what = f"is no PLUS sequence: its first line {line!r} is not 'key = value'"
         what = what if line.strip().isprintable() else "is of a kind that is not known here"

@@ -8,7 +8,7 @@ from appliance.storage.black_box import Series
 from drivers.errors import RecordingError
 from drivers.files.atomic_file import check_new
 from tools.shared.export import FORMS, export
-from tools.shared.found_recordings import found, is_there
+from tools.shared.found_recordings import BOXES, found, is_there
 
 
 @click.command()
@@ -39,7 +39,7 @@ def command(recordings: tuple[Path, ...], form: str | None, output: Path | None)
     for recording in recordings:
         if not is_there(recording):
             raise RecordingError("is not there", str(recording), "Name a file that probewatch record has written")
-    boxes, refused = found(recordings)
+    boxes, refused = found(recordings, BOXES)
     for what in refused:
         click.secho(what, err=True, fg="yellow")
     series = [one for one in boxes if isinstance(one, Series)]

@@ -13,17 +13,20 @@ from drivers.recordings.mcap_file import MAGIC
 SUFFIXES = (".mha", ".mhd", ".nrrd", ".nhdr", ".mcap")
 """What is taken out of a folder; films and tables belong together by their names alone, so they are named."""
 
+BOXES = (".mcap",)
+"""What is taken out of a folder where black boxes alone can be used."""
 
-def found(paths: Sequence[Path]) -> tuple[list[Path | Series], list[str]]:
+
+def found(paths: Sequence[Path], suffixes: Sequence[str] = SUFFIXES) -> tuple[list[Path | Series], list[str]]:
     """Returns the recordings in the order in which they were named, and messages about files in folders that cannot be
     read; the files of one run of a recorder are one recording. Raises ConfigurationError for a folder without
-    recordings, RecordingError for a named file that cannot be read.
+    recordings, RecordingError for a named file that cannot be read. suffixes: of what is taken out of a folder.
     """
     sequences: list[Path | Series] = []
     boxes: list[BlackBox] = []
     refused: list[str] = []
     for path in paths:
-        files = _files(path, refused) if path.is_dir() else [path]
+        files = _files(path, suffixes, refused) if path.is_dir() else [path]
         for file in files:
             try:
                 if is_box(file) or _named_box(file):
@@ -37,19 +40,21 @@ def found(paths: Sequence[Path]) -> tuple[list[Path | Series], list[str]]:
     return [*sequences, *series_of(boxes)], refused
 
 
-def _files(folder: Path, refused: list[str]) -> list[Path]:
+def _files(folder: Path, suffixes: Sequence[str], refused: list[str]) -> list[Path]:
     """Returns the recordings in the folder; adds those folders in it that cannot be looked into to `refused`."""
     unread: list[OSError] = []
     there = (Path(at, name) for at, _, names in os.walk(folder, onerror=unread.append) for name in names)
-    files = sorted(path for path in there if path.suffix.lower() in SUFFIXES)
+    files = sorted(path for path in there if path.suffix.lower() in suffixes)
     told = [f"{error.filename}: cannot be looked into: {error.strerror}" for error in unread]
     if unread and not files:
         what, remedy = f"cannot be looked into: {unread[0].strerror}", "Check its permissions, or be its owner"
         raise ConfigurationError(what, str(unread[0].filename), remedy)
     refused += told
     if not files:
-        remedy = f"It looks for {', '.join(SUFFIXES)}; name a film or another file itself"
-        raise ConfigurationError("holds no recordings", str(folder), remedy)
+        what, remedy = "holds no recordings", f"It looks for {', '.join(suffixes)}; name a film or another file itself"
+        if tuple(suffixes) == BOXES:
+            what, remedy = "holds no black box", "Name a folder of probewatch record, such as its kept, or .mcap files"
+        raise ConfigurationError(what, str(folder), remedy)
     return files
 
 

@@ -8,6 +8,14 @@ from drivers.errors import RecordingError
 from drivers.recordings.sequence import read_sequence
 
 
+def test_what_is_named_as_a_film_and_is_none_is_told_as_that(tmp_path: Path) -> None:
+    """It was "no PLUS sequence", with the advice to give a film."""
+    path = tmp_path / "scan.mp4"
+    path.write_bytes(b"hello")
+    with pytest.raises(RecordingError, match=r"is no film: it does not begin as \.mp4 does\. Copy or export it again"):
+        read_sequence(path)
+
+
 @pytest.mark.parametrize(
     ("content", "said"),
     [

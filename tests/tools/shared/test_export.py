@@ -125,6 +125,10 @@ def test_what_cannot_be_exported_is_refused(box: Path, tmp_path: Path) -> None:
     other.write_bytes(b"ObjectType = Image\n")
     runner = CliRunner()
     assert "is not a black box" in str(runner.invoke(command, [str(other), "--to", "csv"]).exception)
+    folder = str(runner.invoke(command, [str(tmp_path), "--to", "csv"]).exception)
+    assert "holds no black box. Name a folder of probewatch record" in folder, (
+        "not that it looks for .mha, and for films"
+    )
     none = runner.invoke(command, [str(tmp_path / "none.mcap"), "--to", "csv"])
     assert "none.mcap: is not there" in str(none.exception)
     there = runner.invoke(command, [str(box), "--to", ".igs.mha", "--output", str(other)])
