@@ -198,6 +198,7 @@ class Publisher:
         self._said_well = False
         self._waiting_s: deque[float] = deque()  # when each message was sent that is not acknowledged yet
         self._answered = threading.Event()
+        self._accepted_s = 0.0
         self._name = f"probewatch-{cart}"
         self._client = self._make_client(self._name)
 
@@ -235,6 +236,7 @@ class Publisher:
             self._why, self._refused = f"it refuses this cart ({printable(str(reason))})", True
             self._gone.set()
         else:
+            self._accepted_s = time.monotonic()
             self._connected.set()
 
     def _note_disconnect(self, _client: Client, _data: Any, _flags: Any, reason: Any, _properties: Any) -> None:
@@ -284,7 +286,11 @@ class Publisher:
         """A port that speaks TLS breaks off before it has accepted anybody in the clear."""
         if self._broker.tls is None and not self._connected.is_set():
             return "it breaks off before it accepts this cart; is it a port for mqtts://?"
-        return "it has closed the connection" if reason == _NO_REASON else f"it has gone ({printable(reason)})"
+        if reason != _NO_REASON:
+            return f"it has gone ({printable(reason)})"
+        is_short = time.monotonic() - self._accepted_s < _LONGEST_WAIT_S
+        other = f"; does another program log in there as {self._name}? Give this cart a --cart of its own"
+        return f"it has closed the connection{other * is_short}"
 
     def _publish_until_lost(self, stop: threading.Event) -> None:
         if self._trouble is None:
