@@ -90,7 +90,7 @@ def command(file: Path | None, folder: Path | None, seed: int, unconfigured: boo
                 _hand_out(_unconfigured(cart), file)
                 click.echo(_commands(cart, file), err=True)
             else:
-                _hand_out(_head(cart) + cart.config_text, file)
+                _hand_out(_head(cart) + cart.config_text + _recorder(cart), file)
             heard = Counter[str]()
             while not stop.wait(_LOOK_S):
                 cart.require_alive()
@@ -165,10 +165,16 @@ def _head(cart: SimulatedDevices) -> str:
     )
 
 
+def _recorder(cart: SimulatedDevices) -> str:
+    """Places for `probewatch record` beside this cart: a real cart's are not for everybody to write to."""
+    return f'recorder.folder = "{cart.folder / "recorder"}"\nrecorder.socket = "{cart.folder / "record"}"\n'
+
+
 def _unconfigured(cart: SimulatedDevices) -> str:
     """The template with the places of this cart, so that two carts do not meet; devices are for a person to name."""
-    said = tomllib.loads(cart.config_text)
-    places: Answers = {("control", "socket"): said["control"]["socket"], ("alarm", "folder"): said["alarm"]["folder"]}
+    said = tomllib.loads(cart.config_text + _recorder(cart))
+    own = (("control", "socket"), ("alarm", "folder"), ("recorder", "folder"), ("recorder", "socket"))
+    places: Answers = {(section, key): said[section][key] for section, key in own}
     return changed(template(), places, cart.config)
 
 

@@ -1,5 +1,6 @@
 """`probewatch simulate cart`: what it refuses; a whole cart beside a service is in tests/live/test_simulate_cart.py."""
 
+import tomllib
 from pathlib import Path
 
 import click
@@ -7,7 +8,8 @@ import pytest
 
 from drivers.errors import ConfigurationError
 from tests.support.answers import answered
-from tools.simulators.cart import _claimed
+from tools.simulators.cart import _claimed, _recorder
+from tools.simulators.whole_cart import SimulatedDevices
 
 
 @pytest.mark.parametrize("option", ["--write", "--folder"])
@@ -42,3 +44,9 @@ def test_a_folder_whose_calibration_is_of_another_probe_is_refused(tmp_path: Pat
     refused = answered("simulate", "cart", "--folder", tmp_path, "--seed", "4")
     assert refused.returncode == 78
     assert "of a cart of --seed 3. Continue it with --seed 3" in refused.stderr
+
+
+def test_a_simulated_cart_names_a_place_for_its_recorder(tmp_path: Path) -> None:
+    """`probewatch record` went for that of the computer, and could not be tried beside one."""
+    said = tomllib.loads(_recorder(SimulatedDevices(tmp_path)))
+    assert said["recorder"] == {"folder": str(tmp_path / "recorder"), "socket": str(tmp_path / "record")}
