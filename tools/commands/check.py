@@ -13,6 +13,7 @@ from appliance.storage.device_set import remarks
 from appliance.storage.reference import candidate_from_content, size_for
 from drivers.errors import ConfigurationError
 from drivers.registry import check_options
+from tools.shared.german import told
 from tools.shared.limits_in_force import remarks as remarks_on_limits
 from tools.shared.limits_in_force import rows as limit_rows
 from tools.shared.named_cart import file_argument
@@ -48,13 +49,14 @@ def command(file: Path) -> None:
             click.echo(f"{file} is not configured yet: probewatch configure {file}", err=True)
         sys.exit(ConfigurationError.exit_code)
     config = config_of(text, file)
-    named = config.calibration.file
-    for remark in (*calibration_remarks(text, file), *remarks_on_limits(config.limits)):
+    named, language = config.calibration.file, config.alarm.language
+    for remark in (*calibration_remarks(text, file), *remarks_on_limits(config.limits, language)):
         click.secho(remark, err=True, fg="yellow")
-    click.echo(f"{file} can be used; it names no calibration" if named is None else f"{file} and {named} can be used")
-    click.echo("\n".join(limit_rows(config.limits, text)))
+    usable = "{file} can be used; it names no calibration" if named is None else "{file} and {named} can be used"
+    click.echo(told(usable, language, file=file, named=named))
+    click.echo("\n".join(limit_rows(config.limits, text, language)))
     if not is_configured(file):
-        click.echo("but the service waits until it says configured = true")
+        click.echo(told("but the service waits until it says configured = true", language))
 
 
 def _is_adapted(file: Path) -> bool:

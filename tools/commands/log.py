@@ -4,6 +4,7 @@ import csv
 import io
 import sys
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -129,7 +130,10 @@ def _line(entry: Entry, language: str) -> str:
     """Returns the entry in the language where it can be told whole in it, else in English."""
     spoken = language if _is_whole(entry, language) else "en"
     said = _TEXTS.get(entry.event, _all_of_it)(_in(spoken, entry))
-    if spoken != language and (parts := _in_parts(entry.event, said, language)):
+    if spoken != language and entry.event in _SET_UP:
+        with suppress(KeyError):
+            spoken, said = language, _SET_UP[entry.event](entry.data, language)
+    elif spoken != language and (parts := _in_parts(entry.event, said, language)):
         spoken, said = language, parts
     text = f"{recognised(entry.event, spoken)}: {said}".removesuffix(": ")
     colour = _COLOURS.get(str(entry.data.get("state")))
@@ -166,14 +170,22 @@ def _in(language: str, entry: Entry) -> Mapping[str, Any]:
     if entry.event == Event.REQUEST:
         seen = entry.data.get("acknowledged")
         said = {"acknowledged": say_change(seen, language)} if isinstance(seen, str) else {}
-        return {**entry.data, **said, "by": say("by", language)}
+        number = entry.data.get("number")
+        named = {"named": told("reference {number}", language, number=number)} if number else {}
+        return {**entry.data, **said, **named, "by": say("by", language), "who": _who(entry.data, language)}
     said = {name: entry.data[name] for name in _SAID if isinstance(entry.data.get(name), str)}
     return {**entry.data, **{name: translated_text(text, language) for name, text in said.items()}}
 
 
+def _who(data: Mapping[str, Any], language: str) -> str:
+    """Returns who asked, as the service has it: user and process."""
+    user, comma, number = str(data.get("who")).rpartition(", process ")
+    return told("{user}, process {number}", language, user=user, number=number) if comma else number
+
+
 def _wanted(data: Mapping[str, Any]) -> str:
-    number, seconds = (data.get(name) for name in ("number", "seconds"))
-    named = data.get("file") or data.get("acknowledged") or (number and f"reference {number}")
+    seconds = data.get("seconds")
+    named = data.get("file") or data.get("acknowledged") or data.get("named")
     named = named or (seconds and f"{str(seconds).removesuffix('.0')} s")
     return f": {named}" if named else ""
 
@@ -214,18 +226,23 @@ def _words(value: object) -> str:
     return {True: "yes", False: "no"}[value] if isinstance(value, bool) else str(value)
 
 
-def _begun(data: Mapping[str, Any]) -> str:
-    found = data.get("found") or []
-    return f"because of {'; '.join(map(str, found))}" if found else "of a new log"
+def _begun(data: Mapping[str, Any], language: str = "en") -> str:
+    if not (found := data.get("found")):
+        return told("of a new log", language)
+    return f"because of {'; '.join(map(str, found))}" if language == "en" else _only_english(found)
 
 
-def _reloaded(data: Mapping[str, Any]) -> str:
+def _reloaded(data: Mapping[str, Any], language: str = "en") -> str:
     if "file" not in data:
-        return _all_of_it(data)
+        return _all_of_it(data) if language == "en" else _only_english(data)
     noise = data.get("noise")
-    learned = f" · threshold of a name by {noise.get('file')}" if isinstance(noise, Mapping) else ""
-    limits = f" · {limited}" if (limited := logged_limits_text(data)) else ""
-    return f"{data['file']}, SHA-256 {str(data.get('sha256'))[:12]}{learned}{limits}"
+    by = noise.get("file") if isinstance(noise, Mapping) else None
+    parts = [
+        f"{data['file']}, SHA-256 {str(data.get('sha256'))[:12]}",
+        told("threshold of a name by {file}", language, file=by) if by else "",
+        logged_limits_text(data, language),
+    ]
+    return " · ".join(part for part in parts if part)
 
 
 def _overdue(data: Mapping[str, Any]) -> str:
@@ -259,34 +276,54 @@ def _stepped(data: Mapping[str, Any]) -> str:
     return f"stepped by {by_s:+g} s" if isinstance(by_s, int | float) else _all_of_it(data)
 
 
-def _started(data: Mapping[str, Any]) -> str:
+def _started(data: Mapping[str, Any], language: str = "en") -> str:
     """Returns a start entry as text; entries of earlier versions have fewer fields."""
     configuration = data.get("configuration") or {}
+    sha = str(configuration["sha256"])[:12] if "sha256" in configuration else ""
+    simulated, found = (", ".join(data.get(name) or ()) for name in ("simulated", "found"))
     parts = [
         f"probewatch {data['software']}" if "software" in data else "",
-        f"configuration {str(configuration['sha256'])[:12]}" if "sha256" in configuration else "",
-        logged_limits_text(data),
-        _reference(data.get("reference")),
-        f"SIMULATED: {', '.join(data['simulated'])}" if data.get("simulated") else "",
-        f"found {', '.join(data['found'])}" if data.get("found") else "",
+        told("configuration {sha}", language, sha=sha) if sha else "",
+        logged_limits_text(data, language),
+        _reference(data.get("reference"), language),
+        told("SIMULATED: {urls}", language, urls=simulated) if simulated else "",
+        (f"found {found}" if language == "en" else _only_english(found)) if found else "",
     ]
     return " · ".join(part for part in parts if part)
 
 
-def _reference(reference: object) -> str:
+def _reference(reference: object, language: str) -> str:
     if not isinstance(reference, Mapping):
-        return "" if reference is None else f"reference {reference}"
-    named = f"reference {reference.get('number')}, {reference.get('origin')}, {reference.get('file')}"
-    by = f" by {reference['who']}" if reference.get("who") else ""
-    change = f", {reference['difference']}" if reference.get("difference") else ""
+        return "" if reference is None else told("reference {number}", language, number=reference)
+    number = told("reference {number}", language, number=reference.get("number"))
+    named = f"{number}, {_recognised(reference.get('origin'), language)}, {reference.get('file')}"
+    by = f" {told('by {who}', language, who=_who(reference, language))}" if reference.get("who") else ""
+    change = f", {_recognised(reference['difference'], language)}" if reference.get("difference") else ""
     return f"{named}, SHA-256 {str(reference.get('sha256'))[:12]}{by}{change}"
 
 
+def _recognised(text: object, language: str) -> str:
+    """Returns what the service has said, in the language. Raises KeyError where it cannot be told in it."""
+    said = recognised(str(text), language)
+    return _only_english(text) if said == text and language != "en" else said
+
+
+def _only_english(said: object) -> str:
+    raise KeyError(said)
+
+
+_SET_UP: Mapping[str, Callable[[Mapping[str, Any], str], str]] = {
+    Event.STARTED: _started,
+    Event.REFERENCE: lambda data, language: _reference(data.get("reference"), language),
+    Event.CHAIN_BEGUN: _begun,
+    Event.RELOADED: _reloaded,
+}
+"""Entries of what was in force, in the language. Each raises KeyError where it cannot be told whole in it."""
 _TEXTS: Mapping[str, Callable[[Mapping[str, Any]], str]] = {
     Event.STATE: _state,
     Event.REQUEST: _request,
     Event.STARTED: _started,
-    Event.REFERENCE: lambda data: _reference(data.get("reference")),
+    Event.REFERENCE: lambda data: _reference(data.get("reference"), "en"),
     Event.ESTIMATE: _estimate,
     Event.CHAIN_BEGUN: _begun,
     Event.RELOADED: _reloaded,

@@ -1,5 +1,6 @@
-"""Says what commands print in the language of the cart. German comes from three tables: `german_texts` of commands,
-`appliance.supervision.languages` of what the service says, and tools/page/files/german.js of what a scan says.
+"""Says what commands print in the language of the cart. German comes from four tables: `german_texts` and
+`german_setup` of commands, `appliance.supervision.languages` of what the service says, and
+tools/page/files/german.js of what a scan says.
 
 JSON, records, options and what is refused stay English: programs and reports of errors rely on them.
 """
@@ -15,9 +16,10 @@ import click
 
 from appliance.supervision.languages import GERMAN, Texts
 from drivers.errors import ProbewatchError
+from tools.shared.german_setup import GERMAN_OF_SETUP
 from tools.shared.german_texts import GERMAN_OF_TOOLS
 
-_ALL = {**GERMAN, **GERMAN_OF_TOOLS}
+_ALL = {**GERMAN, **GERMAN_OF_TOOLS, **GERMAN_OF_SETUP}
 _PAGE = Path(__file__).parents[1] / "page" / "files" / "german.js"
 _YES, _NO = ("j", "ja", "y", "yes"), ("n", "nein", "no", "")
 

@@ -7,56 +7,61 @@ from appliance.configuration.toml_lines import key_lines
 from appliance.core.parameters import QUANTITIES, never_shown
 from appliance.core.quality.check_fields import limits_fields
 from appliance.limits import PROFILES, Limits
+from tools.shared.german import told
 from tools.shared.profile_text import profile_text
 
 _LESS_IS_LOOSER = ("confidence_sigma",)
 """Of the numbers that say what an OK means; of the others more is."""
 
 
-def rows(limits: Limits, text: str) -> Iterator[str]:
+def rows(limits: Limits, text: str, language: str = "en") -> Iterator[str]:
     """Returns a row for the profile, for each of its limits and for each limit in the file. `text` is the
     configuration.
     """
-    yield profile_text(limits_fields(limits))
+    yield profile_text(limits_fields(limits), language)
     given = {place[1] for place in key_lines(text) if len(place) == 2 and place[0] == "limits"}
     of_profile = {name for one in PROFILES.values() for name in one}
     for name, value in limits:
         if name not in of_profile and name not in given:
             continue
         if name not in ("profile", "region", "required_age_s"):
-            yield f"  {name:<18}{_text(value):<7}{_why(limits, name, name in given)}"
+            yield f"  {name:<18}{_text(value, language):<7}{_why(limits, name, name in given, language)}"
     sections = (name for name in ("region", "required_age_s") if name in limits.beside_profile)
-    yield from (f"  [limits.{name}]  given in the file" for name in sections)
+    yield from (f"  [limits.{name}]  {told('given in the file', language)}" for name in sections)
 
 
-def remarks(limits: Limits) -> Iterator[str]:
+def remarks(limits: Limits, language: str = "en") -> Iterator[str]:
     """Returns warnings about these limits: one that never lets the contact close, one that is looser than the profile
     says.
     """
     for fault in never_shown(limits):
         one = QUANTITIES[fault]
         sigmas, key = limits.confidence_sigma, f"[limits] {one.limit_key} = {one.limit(limits):g}"
-        yield (
-            f"{key} is never verified, so the contact stays open: what motion cannot tell fills it "
-            f"({sigmas:g} x {one.left_out:g} {one.unit}). Give more than {sigmas * one.left_out:g}"
+        text = (
+            "{key} is never verified, so the contact stays open: what motion cannot tell fills it "
+            "({sigmas} x {left_out} {unit}). Give more than {least}"
         )
+        left_out, least = f"{one.left_out:g}", f"{sigmas * one.left_out:g}"
+        yield told(text, language, key=key, sigmas=f"{sigmas:g}", left_out=left_out, unit=one.unit, least=least)
     own = Limits(profile=limits.profile)
     for name in limits.beside_profile:
         if _is_looser(name, getattr(limits, name), getattr(own, name)):
-            yield f"[limits] {name} is looser than profile {limits.profile} has it: OK says less than that name"
+            text = "[limits] {name} is looser than profile {profile} has it: OK says less than that name"
+            yield told(text, language, name=name, profile=limits.profile)
 
 
-def _why(limits: Limits, name: str, is_given: bool) -> str:
-    usual = getattr(Limits(profile=limits.profile), name)
+def _why(limits: Limits, name: str, is_given: bool, language: str) -> str:
+    usual, profile = getattr(Limits(profile=limits.profile), name), limits.profile
     if not is_given:
-        return f"profile {limits.profile}"
+        return told("profile {profile}", language, profile=profile)
     if getattr(limits, name) == usual:
-        return f"given in the file, as profile {limits.profile} has it"
-    return f"given in the file; profile {limits.profile} has {_text(usual)}"
+        return told("given in the file, as profile {profile} has it", language, profile=profile)
+    text = "given in the file; profile {profile} has {usual}"
+    return told(text, language, profile=profile, usual=_text(usual, language))
 
 
-def _text(value: Any) -> str:
-    return "off" if value is None else f"{value:g}"
+def _text(value: Any, language: str) -> str:
+    return told("off", language) if value is None else f"{value:g}"
 
 
 def _is_looser(name: str, value: Any, usual: Any) -> bool:

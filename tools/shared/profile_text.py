@@ -18,13 +18,13 @@ def profile_text(limits: Mapping[str, Any] | None, language: str = "en") -> str:
     return translated(WORDS["limits but" if beside else "limits"], language).format(profile=profile, beside=beside)
 
 
-def logged_limits_text(data: Mapping[str, Any]) -> str:
+def logged_limits_text(data: Mapping[str, Any], language: str = "en") -> str:
     """Returns the limits of an entry of the alarm log; empty for an entry of a version that stores none, or stores them
     otherwise.
     """
     limits = data.get("limits")
     told = isinstance(limits, Mapping) and "profile" in limits and isinstance(limits.get("beside"), Mapping)
-    return profile_text(limits) if told else ""
+    return profile_text(limits, language) if told else ""
 
 
 def is_usual(limits: Mapping[str, Any] | None) -> bool:

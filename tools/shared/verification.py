@@ -42,7 +42,8 @@ def accepted(proposal: dict[str, Any], yes: bool, language: str) -> str:
 def ask(question: str, yes: bool, language: str) -> None:
     """Returns after a person has said yes, now or before. Raises ControlRefused without a terminal."""
     if not yes and not sys.stdin.isatty():
-        raise ControlRefused("needs a person to accept it; nothing was changed", question, "Give --yes to accept it")
+        refusal = told("needs a person to accept it; nothing was changed", language)
+        raise ControlRefused(refusal, question, told("Give --yes to accept it", language))
     if not yes and not confirmed(question, language):
         raise click.Abort
 

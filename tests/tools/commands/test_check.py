@@ -37,6 +37,20 @@ def test_of_a_template_that_nobody_has_configured_it_names_the_command_that_does
     assert result.stderr.splitlines()[-1] == f"{file} is not configured yet: probewatch configure {file}"
 
 
+def test_of_a_german_cart_it_tells_in_german_what_is_in_force(folder: Path) -> None:
+    """It was English beside a German status."""
+    german = '[alarm]\nlanguage = "de"\n[limits]\nprofile = "clinical"\noffset_mm = 3.5\nlatency_ms = 30.0\n'
+    result = check(file := written(folder, GOOD + german))
+    first, *rows = [" ".join(row.split()) for row in result.stdout.splitlines()]
+    assert (result.exit_code, first) == (0, f"{file} und {folder}/probe.toml sind brauchbar")
+    assert rows[1] == "rotation_deg 1.5 Profil clinical"
+    assert rows[3:5] == [
+        "offset_mm 3.5 in der Datei angegeben; Profil clinical hat 2.5",
+        "latency_ms 30 in der Datei angegeben, wie Profil clinical sie hat",
+    ]
+    assert result.stderr == "[limits] offset_mm ist weiter als in Profil clinical: OK sagt weniger als dieser Name\n"
+
+
 def test_it_tells_which_limits_are_in_force_and_why(folder: Path) -> None:
     result = check(written(folder, GOOD + '[limits]\nprofile = "clinical"\noffset_mm = 3.5\nlatency_ms = 30.0\n'))
     assert result.exit_code == 0

@@ -68,6 +68,7 @@ def test_filters(folder: Path, arguments: list[str], numbers: list[int]) -> None
     assert [int(line.split()[0]) for line in result.stdout.splitlines()] == numbers
 
 
+REFERENCE = {"number": 2, "origin": "configuration", "file": "x.toml", "sha256": "cd"}
 DATA: dict[Event, dict[str, Any]] = {
     Event.CHAIN_BEGUN: {"found": []},
     Event.STARTED: {"software": "0.1", "reference": {"number": 1, "sha256": "ab"}, "found": [], "simulated": ["sim:x"]},
@@ -279,8 +280,8 @@ def test_the_log_of_a_german_cart_is_told_in_german(folder: Path) -> None:
     result = asked(folder, "--config", str(cart))
     told = result.stdout.splitlines()
     assert told[2].endswith("state: halt (scale) · as it is [latched: halt]"), "whole in one language"
-    assert told[0].endswith("chain begun: of a new log")
-    assert told[4].endswith("Anfrage: acknowledge durch anna, process 7")
+    assert told[0].endswith("Kette begonnen: eines neuen Protokolls")
+    assert told[4].endswith("Anfrage: acknowledge durch anna, Prozess 7")
     assert told[5].endswith("Zustand: Halt (polarity) · Spiegelung +1 Achsen, Grenze 0.5 Achsen [gehalten: Halt]")
     assert told[6].endswith("Anfrage: acknowledge durch anna: Halt: Spiegelung +1 Achsen, Grenze 0.5 Achsen")
     assert result.stderr == "7 Einträge, die Kette ist heil\n"
@@ -301,11 +302,39 @@ def test_the_log_of_a_german_cart_is_told_in_german(folder: Path) -> None:
             "2-mal ein Gerät verloren, ohne eigenen Eintrag: Warnung (video-lost) 3-mal, Halt (scale) 1-mal",
         ),
         (
+            Event.OVERLOAD_ENDED,
+            {"for_s": 7.5, "repeated": {"not verified": 2, "monitoring": 1}},
+            "Überlastung beendet: nach 7.5 s, ohne eigenen Eintrag: nicht bestätigt 2-mal, überwacht 1-mal",
+        ),
+        (
             Event.ESTIMATE,
             {"reference": 4, "checks": {"scale-axial": [0.1, 0.02, 5.0], "latency": [3.1, 5.0, 60.0]}},
             "Schätzung: Referenz 4: Maßstab axial 0.1 ± 0.02, Verzögerung 3.1 ± 5.0",
         ),
         (Event.ESTIMATE, {"reference": 4, "checks": "of another version"}, "estimate: reference 4, checks of another"),
+        (
+            Event.STARTED,
+            {"software": "0.2", "configuration": {"sha256": "ab" * 32}, "reference": REFERENCE, "simulated": ["sim:x"]},
+            "gestartet: probewatch 0.2 · Konfiguration abababababab · Referenz 2, Konfiguration, x.toml, SHA-256 cd · "
+            "SIMULIERT: sim:x",
+        ),
+        (Event.STARTED, {"found": ["a gap"]}, "started: found a gap"),
+        (
+            Event.REFERENCE,
+            {"reference": {**REFERENCE, "who": "anna, process 7", "origin": "went back to 1"}},
+            "Referenz: Referenz 2, zurück zu 1, x.toml, SHA-256 cd durch anna, Prozess 7",
+        ),
+        (Event.REFERENCE, {"reference": {**REFERENCE, "origin": "a dream"}}, "reference: reference 2, a dream, x.toml"),
+        (
+            Event.RELOADED,
+            {"file": "/etc/p.toml", "sha256": "ab" * 32, "noise": {"file": "n.toml"}},
+            "neu gelesen: /etc/p.toml, SHA-256 abababababab · Schwelle für einen Namen nach n.toml",
+        ),
+        (
+            Event.REQUEST,
+            {"do": "propose-calibration", "who": "anna, process 7", "number": 2},
+            "Anfrage: propose-calibration durch anna, Prozess 7: Referenz 2",
+        ),
         (Event.OVERDUE, {"overdue": None}, "Kalibrierfrist: nicht mehr überfällig"),
         (Event.WALL_CLOCK, {"by_s": -3600.0}, "Uhrzeit: verstellt um -3600 s"),
         (Event.SLEPT, {"for_s": 28800.0}, "der Rechner hat 28800.0 s lang geschlafen"),

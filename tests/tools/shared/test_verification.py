@@ -11,7 +11,7 @@ from appliance.supervision.languages import translated_text
 from appliance.types import State
 from tests.support.answering import Answers, recorded
 from tools.commands import calibration
-from tools.shared.verification import motions_for, waits_for, with_motions
+from tools.shared.verification import ask, motions_for, waits_for, with_motions
 
 WAITING = {"state": State.RECALIBRATING.value, "reason": "Recalibrating", "missing": ["scale-axial", "latency"]}
 
@@ -72,6 +72,15 @@ def test_a_wait_in_vain_names_the_motion_and_the_way_back(tmp_path: Path, langua
         refusal = str(CliRunner().invoke(calibration.command, words).exception)
     assert told in refusal
     assert refusal.endswith("probewatch calibration back 4")
+
+
+def test_a_question_that_nobody_can_answer_is_refused_in_one_language() -> None:
+    """It was a German question with an English reason."""
+    with pytest.raises(ControlRefused) as refused:
+        ask("Das annehmen?", False, "de")
+    assert str(refused.value) == (
+        "Das annehmen?: das muss ein Mensch annehmen; nichts wurde geändert. Mit --yes annehmen"
+    )
 
 
 def test_nothing_is_asked_for_where_no_parameter_is_missing() -> None:

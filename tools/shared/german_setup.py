@@ -1,0 +1,39 @@
+"""German of what `check`, `log` and the questions before a change say of a cart as it was set up; as `german_texts`."""
+
+GERMAN_OF_SETUP = {
+    # check
+    "{file} can be used; it names no calibration": "{file} ist brauchbar; sie nennt keine Kalibrierung",
+    "{file} and {named} can be used": "{file} und {named} sind brauchbar",
+    "but the service waits until it says configured = true": (
+        "aber der Dienst wartet, bis darin configured = true steht"
+    ),
+    "profile {profile}": "Profil {profile}",
+    "given in the file": "in der Datei angegeben",
+    "given in the file, as profile {profile} has it": "in der Datei angegeben, wie Profil {profile} sie hat",
+    "given in the file; profile {profile} has {usual}": "in der Datei angegeben; Profil {profile} hat {usual}",
+    "off": "aus",
+    "{key} is never verified, so the contact stays open: what motion cannot tell fills it "
+    "({sigmas} x {left_out} {unit}). Give more than {least}": (
+        "{key} wird nie bestätigt, der Kontakt bleibt also offen: was Bewegung nicht zeigen kann, füllt sie aus "
+        "({sigmas} x {left_out} {unit}). Mehr als {least} angeben"
+    ),
+    "[limits] {name} is looser than profile {profile} has it: OK says less than that name": (
+        "[limits] {name} ist weiter als in Profil {profile}: OK sagt weniger als dieser Name"
+    ),
+    # before a change
+    "needs a person to accept it; nothing was changed": "das muss ein Mensch annehmen; nichts wurde geändert",
+    "Give --yes to accept it": "Mit --yes annehmen",
+    # log
+    "chain begun": "Kette begonnen",
+    "started": "gestartet",
+    "reloaded": "neu gelesen",
+    "of a new log": "eines neuen Protokolls",
+    "configuration {sha}": "Konfiguration {sha}",
+    "reference {number}": "Referenz {number}",
+    "SIMULATED: {urls}": "SIMULIERT: {urls}",
+    "threshold of a name by {file}": "Schwelle für einen Namen nach {file}",
+    "{user}, process {number}": "{user}, Prozess {number}",
+    "without an entry each: {said} {times} times": "ohne eigenen Eintrag: {said} {times}-mal",
+    "{said} {times} times": "{said} {times}-mal",
+    "by {who}": "durch {who}",
+}
