@@ -2,7 +2,8 @@
 `german_setup` of commands, `appliance.supervision.languages` of what the service says, and
 tools/page/files/german.js of what a scan says.
 
-JSON, records, options and what is refused stay English: programs and reports of errors rely on them.
+JSON, records, options and the names of faults stay English: programs rely on them. So does an error of which not all is
+in `german_errors`.
 """
 
 import json
@@ -16,6 +17,7 @@ import click
 
 from appliance.supervision.languages import GERMAN, Texts
 from drivers.errors import ProbewatchError
+from tools.shared.german_errors import GERMAN_OF_ERRORS
 from tools.shared.german_setup import GERMAN_OF_SETUP
 from tools.shared.german_texts import GERMAN_OF_TOOLS
 
@@ -50,6 +52,37 @@ def refusing_in(language: str) -> Iterator[None]:
             recognised(text, language) for text in (error.what, error.where, error.remedy)
         )
         raise
+
+
+def tell_refused(error: ProbewatchError, language: str) -> None:
+    """Puts the error into the language, whole or not at all."""
+    said = [_error_text(text, language) for text in (error.what, error.remedy)]
+    if language != "en" and None not in said:
+        error.what, error.remedy = (text or "" for text in said)
+        if error.where.startswith("reference "):  # any other place is a name
+            error.where = recognised(error.where, language)
+
+
+def lost_text(text: str, language: str) -> str:
+    """Returns why a device is lost, "where: what. what to do", in the language; English as a whole where it cannot be
+    told whole in it.
+    """
+    for colon in re.finditer(": ", text):
+        parts = [_error_text(part, language) for part in text[colon.end() :].split(". ", 1)]
+        if language != "en" and None not in parts:
+            return text[: colon.end()] + ". ".join(filter(None, parts))
+    return text
+
+
+def _error_text(text: str, language: str) -> str | None:
+    """Returns one of the two texts of an error in the language; None where it has none in it."""
+    said = text if not text or language == "en" else _errors().translated(text)
+    return None if text and said == text else said
+
+
+@cache
+def _errors() -> Texts:
+    return Texts({**_ALL, **GERMAN_OF_ERRORS})
 
 
 def _of_page(text: str) -> str:

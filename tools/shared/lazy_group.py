@@ -7,6 +7,7 @@ from typing import Any
 
 import click
 
+from drivers.errors import ProbewatchError
 from drivers.suggestion import did_you_mean, suggested
 
 
@@ -41,6 +42,15 @@ class LazyGroup(click.Group):
         name, command, rest = super().resolve_command(ctx, args)
         _refuse_swallowed(ctx, command, rest)
         return name, command, rest
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """What a command refuses is refused in the language of its cart, as far as it is known in it."""
+        try:
+            return super().invoke(ctx)
+        except ProbewatchError as error:
+            named_cart, german = (importlib.import_module(f"tools.shared.{name}") for name in ("named_cart", "german"))
+            german.tell_refused(error, named_cart.cart_language())
+            raise
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section(self._heading):

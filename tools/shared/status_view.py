@@ -17,7 +17,7 @@ from rich.text import Text
 from appliance.service.control.status_fields import STATUS, Field
 from appliance.supervision.languages import translated, translated_text
 from appliance.types import Fault, State
-from tools.shared.german import recognised
+from tools.shared.german import lost_text, recognised
 from tools.shared.gesture_drawings import drawn
 from tools.shared.plain_text import shown
 from tools.shared.point_text import WORDS as POINT_WORDS
@@ -260,7 +260,8 @@ def _proposal(status: Status) -> list[Text]:
 
 def _remarks(status: Status) -> list[Text]:
     """What needs no alarm, what is lost, a recalibration that was given up, and how the estimator ended."""
-    lost = [f"{device}: {what}" for device, what in status["lost"].items()]
+    language = _language(status)
+    lost = [f"{device}: {lost_text(what, language)}" for device, what in status["lost"].items()]
     ended = [] if status["estimator"] is None else [f"estimator: {status['estimator']}"]
     given_up = (status.get("recalibration") or {}).get("ended")
     back = ", ".join(translated_text(one["name"], _language(status)) for one in status["devices"] if is_recovering(one))

@@ -1,0 +1,87 @@
+"""What a German cart refuses is told in German, whole or not at all."""
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from appliance.storage.alarm_log import AlarmLog
+from drivers.errors import ConfigurationError, DeviceLost, ProbewatchError
+from tests.support.answering import Answering
+from tests.support.answers import answered
+from tools.shared.german import lost_text, tell_refused
+from tools.shared.german_errors import GERMAN_OF_ERRORS
+
+ROOT = Path(__file__).parents[3]
+OF_THE_SYSTEM = ("no such file or directory", "No such file or directory", "Permission denied")
+
+
+def sources() -> Iterator[str]:
+    for package in ("drivers", "appliance", "tools"):
+        for file in (ROOT / package).rglob("*.py"):
+            if not file.name.startswith("german"):
+                yield file.read_text(encoding="utf-8")
+
+
+def test_nothing_is_translated_that_nobody_says() -> None:
+    said = " ".join(re.sub(r'"\s*\n?\s*f?"', "", source) for source in sources())
+    for english in set(GERMAN_OF_ERRORS) - set(OF_THE_SYSTEM):
+        pieces = [piece for piece in re.split(r"{\w+}|[,():;.]", english) if re.search("[a-z]{3}", piece)]
+        assert all(piece.strip(" .?") in said for piece in pieces), english
+
+
+@pytest.mark.parametrize(
+    ("error", "german"),
+    [
+        (
+            DeviceLost("the serial port is in use by another program", "/dev/x", "Close that program, then try again"),
+            "/dev/x: ein anderes Programm benutzt die serielle Schnittstelle. Das andere Programm beenden, dann noch "
+            "einmal versuchen",
+        ),
+        (
+            ConfigurationError(
+                "no service answers (connection refused)", "control", "Start it: probewatch run --config x"
+            ),
+            "control: kein Dienst antwortet (Verbindung abgelehnt). Ihn starten: probewatch run --config x",
+        ),
+        (DeviceLost("no such serial port", "/dev/x", "Sing"), "/dev/x: no such serial port. Sing"),
+        (DeviceLost("is tired", "/dev/x", "Check the grabber's plug"), "/dev/x: is tired. Check the grabber's plug"),
+        (DeviceLost("the video device was unplugged", "self-test"), "self-test: das Videogerät wurde abgezogen"),
+    ],
+)
+def test_an_error_is_told_whole_in_one_language(error: ProbewatchError, german: str) -> None:
+    english = str(error)
+    tell_refused(error, "en")
+    assert str(error) == english
+    tell_refused(error, "de")
+    assert str(error) == german
+
+
+def test_what_a_command_of_a_german_cart_refuses_is_german(tmp_path: Path) -> None:
+    """It was English beside a German status."""
+    AlarmLog(tmp_path / "alarms")
+    cart = tmp_path / "cart.toml"
+    cart.write_text(f'[alarm]\nlanguage = "de"\nfolder = "{tmp_path}/alarms"\n[control]\nsocket = "{tmp_path}/none"\n')
+    refused = answered("calibration", "use", tmp_path / "nix.toml", "--config", cart)
+    assert (refused.returncode, refused.stderr) == (
+        78,
+        f"probewatch: {tmp_path}/nix.toml: nicht lesbar: keine solche Datei. Namen und Rechte prüfen. Eine .toml oder "
+        "eine .xml von PLUS angeben\n",
+    )
+    silent = answered("status", "--config", cart)
+    assert (silent.returncode, silent.stderr) == (
+        69,
+        f"probewatch: {tmp_path}/none: kein Dienst antwortet (keine solche Datei). Ihn starten: probewatch run "
+        f"--config {cart}\n",
+    )
+
+
+def test_why_a_device_is_lost_is_german_in_the_status_of_a_german_cart(tmp_path: Path) -> None:
+    why = "/dev/ttyUSB0: no such serial port. Plug the cable in, or correct the path in the configuration"
+    with Answering(tmp_path / "control") as service:
+        service.changes = {"language": "de", "lost": {"tracker ndi:/dev/ttyUSB0": why, "video": "x: is tired"}}
+        shown = " ".join(answered("status", "--socket", service.path).stdout.split())
+    assert "/dev/ttyUSB0: keine solche serielle Schnittstelle. Das Kabel einstecken, oder den Pfad in der" in shown
+    assert "! video: x: is tired" in shown
+    assert lost_text(why, "en") == why
