@@ -23,6 +23,7 @@ from tools.commands.probe import complaints, findings, measure
 from tools.shared.configuration_text import Answers, Value, changed, template
 from tools.shared.device_question import DeviceQuestion, Respondent, whole_path
 from tools.shared.driver_text import real_drivers
+from tools.shared.german import recognised, told
 from tools.shared.interruption import stopped_saying
 from tools.shared.limits_in_force import remarks as remarks_on_limits
 from tools.shared.named_cart import file_argument
@@ -88,13 +89,13 @@ def command(
 ) -> None:
     if without and calibration is not None:
         raise click.UsageError("--calibration names one; leave --no-calibration out")
-    person = Respondent(is_of_the_unit(file))
     _refuse_unwritable(file)
     before = configuration_text(file) if file.exists() else None
     base = template() if fresh or before is None else before
     known = _known(base, file)
+    person = Respondent(is_of_the_unit(file), language or known.alarm.language)
     old = known if known.configured and base == before else None
-    try_it = None if untried else _try
+    try_it = None if untried else _trying(person.language)
     place = _calibration_place(known, probe)
     if calibration is not None and calibration != "none":
         _refuse_calibration(place, whole_path(calibration), person)
@@ -105,11 +106,11 @@ def command(
     for device in (seen, tracked, opened):
         device.check_given()
     lit = _lamps(known, lamps)
-    with stopped_saying("nothing was written"):
+    with stopped_saying(person.tell("nothing was written"), person.tell("stopped")):
         answers: dict[Place, Value] = {("configured",): True}
         answers["video", "url"] = seen.url(person, lambda: _connected("video"))
         answers["tracker", "url"] = held = tracked.url(person, lambda: _connected("tracker"))
-        answers["output", at, "url"] = told = opened.url(person, lambda: _connected("output", held))
+        answers["output", at, "url"] = driven = opened.url(person, lambda: _connected("output", held))
         answers |= lit
         answers["calibration", "file"] = _calibration(calibration, without, old, place, person)
         if probe is not None:
@@ -120,9 +121,9 @@ def command(
         spoken = language or _language(known, person)
         if spoken != known.alarm.language:
             answers["alarm", "language"] = spoken
-        written = _write(file, before, _checked(base, answers, file), yes, person)
+        written = _write(file, before, _checked(base, answers, file, person.language), yes, person)
     if written:
-        _tell_next(file, old is not None, told)
+        _tell_next(file, old is not None, driven, person)
 
 
 def _refuse_unwritable(file: Path) -> None:
@@ -147,12 +148,21 @@ def _known(text: str, file: Path) -> Config:
         raise ConfigurationError("is invalid and was not changed", str(file), remedy) from None
 
 
+def _trying(language: str) -> Callable[[str, str], None]:
+    """Returns what tests the device of a (URL, kind) and says so in the language."""
+
+    def try_it(url: str, kind: str) -> None:
+        click.echo(told("  trying {url} for {seconds} s …", language, url=url, seconds=f"{_TRIAL_S:g}"))
+        _try(url, kind)
+
+    return try_it
+
+
 def _try(url: str, kind: str) -> None:
     """Tests a device and prints the result. Raises ProbewatchError where it yields nothing."""
     clock = HostClock()
     open_source: Callable[[str, HostClock], TrackerSource | VideoSource]
     open_source = open_video if kind == "video" else open_tracker
-    click.echo(f"  trying {url} for {_TRIAL_S:g} s …")
     with open_source(url, clock) as source:
         measured = measure(source, _TRIAL_S, clock)
     for name, text in findings(measured)[:3]:
@@ -237,36 +247,38 @@ def _calibration(
     if given is not None:
         return None if given == "none" else str(whole_path(given))
     if person.is_there:
-        click.echo("\nCalibration file (probewatch TOML or PLUS device set, XML), or none: scan it on this cart")
+        which = "Calibration file (probewatch TOML or PLUS device set, XML), or none: scan it on this cart"
+        click.echo(f"\n{person.tell(which)}")
     option = "--calibration FILE, or --no-calibration"
-    while (said := person.ask("calibration", str(before or "none"), option)) != "none":
+    while (said := person.ask(person.tell("calibration"), str(before or "none"), option)) != "none":
         file = whole_path(said)
         mistakes = _mistakes_of(file, place, person)
         if not mistakes:
             return str(file)
         for mistake in mistakes:
             click.echo(f"! {mistake}")
-        click.echo("Name another file, or none")
+        click.echo(person.tell("Name another file, or none"))
     return None
 
 
 def _profile(known: Config, person: Respondent) -> str:
     if not person.is_there:
         return known.limits.profile
-    click.echo("\nHow far the calibration may be off while the contact is closed")
+    click.echo(f"\n{person.tell('How far the calibration may be off while the contact is closed')}")
     for name, meaning in _PROFILES.items():
-        click.echo(f"  {name:<10}{meaning}")
-    return str(click.prompt("limits", default=known.limits.profile, type=click.Choice(list(PROFILES))))
+        click.echo(f"  {name:<10}{person.tell(meaning)}")
+    return str(click.prompt(person.tell("limits"), default=known.limits.profile, type=click.Choice(list(PROFILES))))
 
 
 def _language(known: Config, person: Respondent) -> str:
     if not person.is_there:
         return known.alarm.language
     choice = click.Choice(["en", "de"])
-    return str(click.prompt("\nlanguage of the operator's texts", default=known.alarm.language, type=choice))
+    question = person.tell("language of the operator's texts")
+    return str(click.prompt(f"\n{question}", default=known.alarm.language, type=choice))
 
 
-def _checked(base: str, answers: Answers, file: Path) -> str:
+def _checked(base: str, answers: Answers, file: Path, language: str) -> str:
     """Returns the new text. Raises ConfigurationError where it is not valid."""
     new = changed(base, answers, file)
     mistakes = mistakes_in(new, file)
@@ -274,7 +286,7 @@ def _checked(base: str, answers: Answers, file: Path) -> str:
         click.echo(mistake, err=True)
     if mistakes:
         raise ConfigurationError("nothing was written", str(file), "Change your answers, or start over with --fresh")
-    for remark in (*calibration_remarks(new, file), *remarks_on_limits(config_of(new, file).limits)):
+    for remark in (*calibration_remarks(new, file), *remarks_on_limits(config_of(new, file).limits, language)):
         click.secho(remark, err=True, fg="yellow")
     return new
 
@@ -285,12 +297,13 @@ def _write(file: Path, before: str | None, new: str, yes: bool, person: Responde
     Raises ConfigurationError where it cannot be written, click.Abort where the person declines.
     """
     if new == before:
-        click.echo(f"{file} is already up to date; nothing was written")
+        click.echo(person.tell("{file} is already up to date; nothing was written", file=file))
         return False
-    click.echo(f"\n{file}, what changes:" if before is not None else f"\n{file} is new:")
+    changes = "{file}, what changes:" if before is not None else "{file} is new:"
+    click.echo(f"\n{person.tell(changes, file=file)}")
     for line in _difference((before or "").splitlines(), new.splitlines()):
         click.echo(f"  {line}")
-    if not yes and not person.agrees("Write it?", True, "--yes"):
+    if not yes and not person.agrees(person.tell("Write it?"), True, "--yes"):
         raise click.Abort
     if (configuration_text(file) if file.exists() else None) != before:
         raise ConfigurationError("was changed by another program meanwhile", str(file), "Run the command again")
@@ -301,7 +314,7 @@ def _write(file: Path, before: str | None, new: str, yes: bool, person: Responde
             os.fchmod(stream.fileno(), was.st_mode & 0o777)
             os.fchown(stream.fileno(), was.st_uid, was.st_gid)
         stream.write(new.encode())
-    click.echo(f"written: {file}")
+    click.echo(person.tell("written: {file}", file=file))
     return True
 
 
@@ -313,15 +326,16 @@ def _difference(before: list[str], new: list[str]) -> list[str]:
     return [line for line in lines if not line.startswith(("--- ", "+++ ", "@@ "))]
 
 
-def _tell_next(file: Path, was_configured: bool, contact: str) -> None:
+def _tell_next(file: Path, was_configured: bool, contact: str, person: Respondent) -> None:
     if was_configured:
         sudo = "sudo " if is_of_the_unit(file) else ""
-        click.echo(f"to apply it: {sudo}{how_to_restart(file, is_running=True)}")
+        restart = recognised(how_to_restart(file, is_running=True), person.language)
+        click.echo(person.tell("to apply it: {how}", how=f"{sudo}{restart}"))
     else:
-        click.echo("a service that was waiting for it starts by itself; see: probewatch status")
-    click.echo(
-        f"to test the contact, when it is not in use and no service is running: probewatch probe '{contact}' --click"
-    )
+        click.echo(person.tell("a service that was waiting for it starts by itself; see: probewatch status"))
+    test = "to test the contact, when it is not in use and no service is running: probewatch probe '{url}' --click"
+    click.echo(person.tell(test, url=contact))
     config = config_of(configuration_text(file), file)
     if config.calibration.file is None:
-        click.echo(f"no calibration yet? scan it: probewatch recalibrate --live --solve all --config {file}")
+        scan = "no calibration yet? scan it: probewatch recalibrate --live --solve all --config {file}"
+        click.echo(person.tell(scan, file=file))

@@ -12,6 +12,7 @@ from drivers.descriptor import Option
 from drivers.errors import ConfigurationError, ProbewatchError
 from drivers.registry import check_options, drivers, split_url
 from tools.shared.driver_text import examples
+from tools.shared.german import confirmed, recognised, tell_refused, told
 from tools.shared.unit_sight import relative, unseen
 
 _WORDS = {
@@ -23,17 +24,21 @@ _WORDS = {
 
 class Respondent:
     """The person who answers. `is_there` is False without a terminal. `sees_less` is True where the service can read
-    fewer files than the person.
+    fewer files than the person. `language`: of the questions.
     """
 
-    def __init__(self, sees_less: bool = False) -> None:
+    def __init__(self, sees_less: bool = False, language: str = "en") -> None:
         self.is_there = sys.stdin.isatty()
-        self.sees_less = sees_less
+        self.sees_less, self.language = sees_less, language
+
+    def tell(self, text: str, **fields: object) -> str:
+        """Returns the text in the language of the person."""
+        return told(text, self.language, **fields)
 
     def ask(self, question: str, default: str, option: str) -> str:
         """Asks. Raises ConfigurationError without a terminal."""
         if not self.is_there:
-            raise ConfigurationError("needs an answer, and there is no terminal", question, f"Give {option}")
+            raise self._nobody(question, option)
         return str(click.prompt(question, default=default or None, show_default=bool(default))).strip()
 
     def misplaced(self, file: Path) -> str:
@@ -43,8 +48,12 @@ class Respondent:
     def agrees(self, question: str, default: bool, option: str) -> bool:
         """Asks for confirmation. Raises ConfigurationError without a terminal."""
         if not self.is_there:
-            raise ConfigurationError("needs an answer, and there is no terminal", question, f"Give {option}")
-        return click.confirm(question, default=default)
+            raise self._nobody(question, option)
+        return confirmed(question, self.language, default)
+
+    def _nobody(self, question: str, option: str) -> ConfigurationError:
+        missing = self.tell("needs an answer, and there is no terminal")
+        return ConfigurationError(missing, question, self.tell("Give {option}", option=option))
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,16 +92,19 @@ class DeviceQuestion:
             return self.before
         found = list(look()) if person.is_there else []
         if person.is_there:
-            what = _WORDS[self.kind]
-            click.echo(f"\n{what[0].upper()}{what[1:]}: a number, or a URL such as {examples(self.kind)}")
+            which, such = person.tell(_WORDS[self.kind]), examples(self.kind)
+            which = f"{which[0].upper()}{which[1:]}"
+            click.echo(f"\n{person.tell('{which}: a number, or a URL such as {examples}', which=which, examples=such)}")
         for number, (url, title) in enumerate(found, 1):
             click.echo(f"  {number}  {url}  {title}")
         # The contact is not tried, so nobody comes to it by Enter alone.
         default = self.before or ("1" if found and self.kind != "output" else "")
         while True:
-            said = person.ask(_WORDS[self.kind], default, self.option)
+            said = person.ask(person.tell(_WORDS[self.kind]), default, self.option)
             if said.isdecimal() and not 0 < int(said) <= len(found):
-                click.echo(f"! {said} is not in the list{_numbers(len(found))}; or give a URL")
+                unlisted = "! {said} is not in the list, give 1 to {most}; or give a URL"
+                unlisted = unlisted if found else "! {said} is not in the list, which is empty; or give a URL"
+                click.echo(person.tell(unlisted, said=said, most=len(found)))
                 continue
             url = found[int(said) - 1][0] if said.isdecimal() else said
             if (taken := self._taken(url, person)) is not None:
@@ -103,12 +115,12 @@ class DeviceQuestion:
         try:
             url = url if url == self.before else self.with_files(url, person)
             self._check(url)
-        except ConfigurationError as error:
-            click.echo(f"! {error}")
-            return None
         except ProbewatchError as error:
+            tell_refused(error, person.language)
             click.echo(f"! {error}")
-            return url if person.agrees("Use it anyway?", False, "--untried") else None
+            if isinstance(error, ConfigurationError):
+                return None
+            return url if person.agrees(person.tell("Use it anyway?"), False, "--untried") else None
         return url
 
     def with_files(self, url: str, person: Respondent) -> str:
@@ -127,16 +139,18 @@ class DeviceQuestion:
 
     def _with_file(self, url: str, row: Option, person: Respondent) -> str:
         """Asks for the file until the driver can read it; the answer `without` returns the URL unchanged."""
-        while (typed := person.ask(row.question, row.without, self.option)) != row.without:
+        question, or_without = recognised(row.question, person.language), "! {error}, or '{without}'"
+        while (typed := person.ask(question, row.without, self.option)) != row.without:
             file = whole_path(typed)
             if misplaced := person.misplaced(file):
-                click.echo(f"! {file}: {misplaced}, or '{row.without}'")
+                click.echo(person.tell(or_without, error=f"{file}: {misplaced}", without=row.without))
                 continue
             more = f"{url}{'&' if '?' in url else '?'}{row.name}={quote(str(file))}"
             try:
                 check_options(more, self.kind)
             except ConfigurationError as error:
-                click.echo(f"! {error}, or '{row.without}'")
+                tell_refused(error, person.language)
+                click.echo(person.tell(or_without, error=error, without=row.without))
             else:
                 return more
         return url
@@ -151,10 +165,6 @@ class DeviceQuestion:
         for why in relative(url):
             what, _, remedy = why.partition(". ")
             raise ConfigurationError(what, url, remedy)
-
-
-def _numbers(most: int) -> str:
-    return f", give 1 to {most}" if most else ", which is empty"
 
 
 def whole_path(typed: str) -> Path:

@@ -1,5 +1,5 @@
-"""Says what commands print in the language of the cart. German comes from four tables: `german_texts` and
-`german_setup` of commands, `appliance.supervision.languages` of what the service says, and
+"""Says what commands print in the language of the cart. German comes from four tables: `german_texts`,
+`german_setup` and `german_questions` of commands, `appliance.supervision.languages` of what the service says, and
 tools/page/files/german.js of what a scan says.
 
 JSON, records, options and the names of faults stay English: programs rely on them. So does an error of which not all is
@@ -18,12 +18,13 @@ import click
 from appliance.supervision.languages import GERMAN, Texts
 from drivers.errors import ProbewatchError
 from tools.shared.german_errors import GERMAN_OF_ERRORS
+from tools.shared.german_questions import GERMAN_OF_QUESTIONS
 from tools.shared.german_setup import GERMAN_OF_SETUP
 from tools.shared.german_texts import GERMAN_OF_TOOLS
 
-_ALL = {**GERMAN, **GERMAN_OF_TOOLS, **GERMAN_OF_SETUP}
+_ALL = {**GERMAN, **GERMAN_OF_TOOLS, **GERMAN_OF_SETUP, **GERMAN_OF_QUESTIONS}
 _PAGE = Path(__file__).parents[1] / "page" / "files" / "german.js"
-_YES, _NO = ("j", "ja", "y", "yes"), ("n", "nein", "no", "")
+_YES, _NO = ("j", "ja", "y", "yes"), ("n", "nein", "no")
 
 
 def told(text: str, language: str, /, **fields: object) -> str:
@@ -112,12 +113,17 @@ def _page() -> tuple[dict[str, str], list[tuple[re.Pattern[str], str]]]:
     ]
 
 
-def confirmed(question: str, language: str) -> bool:
-    """Asks a person; German takes j and n, and y as well. Raises click.Abort at Ctrl-C and at the end of the input."""
+def confirmed(question: str, language: str, default: bool = False) -> bool:
+    """Asks a person; German takes j and n, and y as well. default: what Enter says. Raises click.Abort at Ctrl-C and at
+    the end of the input.
+    """
     if language == "en":
-        return click.confirm(question)
+        return click.confirm(question, default=default)
     while True:
-        answer = str(click.prompt(f"{question} [j/N]", default="", show_default=False)).strip().lower()
-        if answer in (*_YES, *_NO):
-            return answer in _YES
+        answer = str(click.prompt(f"{question} [{'J/n' if default else 'j/N'}]", default="", show_default=False))
+        said = answer.strip().lower()
+        if not said:
+            return default
+        if said in (*_YES, *_NO):
+            return said in _YES
         click.echo("Bitte j oder n eingeben")

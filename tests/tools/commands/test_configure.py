@@ -80,7 +80,7 @@ def test_what_is_not_named_stays_and_a_lamp_is_replaced(file: Path) -> None:
     config = load_config(file)
     assert [one.url for one in config.output] == ["relay:/dev/ttyUSB1", "relay:/dev/ttyUSB1?channel=3"]
     assert (config.video.url, config.calibration.file, config.alarm.language) == (DEVICES[1], None, "de")
-    assert f"to apply it: Ctrl-C where it runs, then probewatch run --config {file}\n" in result.stdout
+    assert f"damit es gilt: Strg-C, wo er läuft, dann probewatch run --config {file}\n" in result.stdout
 
 
 def test_a_profile_is_written_where_the_template_shows_it_and_what_it_costs_is_told(file: Path) -> None:

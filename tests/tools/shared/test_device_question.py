@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from drivers.errors import DeviceLost
 from drivers.registry import split_url
 from drivers.trackers.ndi.rom import ROM_BYTES, rom_sum
 from tools.shared.device_question import DeviceQuestion, Respondent
@@ -76,3 +77,21 @@ def test_a_number_that_is_not_in_the_list_is_told(capsys: pytest.CaptureFixture[
     found = [("relay:/dev/ttyUSB0", "one"), ("relay:/dev/ttyUSB1", "other")]
     assert DeviceQuestion("output", None, "", None).url(person, lambda: iter(found)) == "relay:/dev/ttyUSB1"
     assert "7 is not in the list, give 1 to 2" in capsys.readouterr().out
+
+
+def test_a_german_person_is_asked_in_german_and_told_why_not(capsys: pytest.CaptureFixture[str]) -> None:
+    """The technician's first command was English whatever the language of the cart."""
+
+    def lost(url: str, _: str) -> None:
+        raise DeviceLost("no such video device", url, "Check the grabber's plug")
+
+    person = Answers("3", "v4l2:/dev/video9")
+    person.language = "de"
+    person.agrees = lambda *asked: bool(person.asked.append(asked[0]) or True)  # type: ignore[method-assign]
+    url = DeviceQuestion("video", None, "", lost).url(person, lambda: iter([("v4l2:/dev/video0", "a grabber")]))
+    assert url == "v4l2:/dev/video9"
+    assert person.asked == ["das Bild des Ultraschallgeräts"] * 2 + ["Trotzdem verwenden?"]
+    said = capsys.readouterr().out
+    assert "Das Bild des Ultraschallgeräts: eine Nummer, oder eine URL wie v4l2:" in said
+    assert "! 3 ist nicht in der Liste, 1 bis 1 angeben; oder eine URL" in said
+    assert "! v4l2:/dev/video9: kein solches Videogerät. Den Stecker des Framegrabbers prüfen" in said

@@ -19,11 +19,12 @@ from tools.selftest import items
 from tools.selftest.baseline import beside, chosen
 from tools.selftest.items import Item
 from tools.shared.german import _of_page, confirmed, recognised, told
+from tools.shared.german_questions import GERMAN_OF_QUESTIONS
 from tools.shared.german_setup import GERMAN_OF_SETUP
 from tools.shared.german_texts import GERMAN_OF_TOOLS as GERMAN_OF_TEXTS
 from tools.shared.interruption import Stopped, stopped_saying
 
-GERMAN_OF_TOOLS = {**GERMAN_OF_TEXTS, **GERMAN_OF_SETUP}
+GERMAN_OF_TOOLS = {**GERMAN_OF_TEXTS, **GERMAN_OF_SETUP, **GERMAN_OF_QUESTIONS}
 ROOT = Path(__file__).parents[3]
 SPEAKERS = ("tools/commands", "tools/recalibration", "tools/selftest", "tools/shared", "appliance/storage")
 SPEAKERS += ("appliance/service/control", "drivers/trackers/ndi")
@@ -51,7 +52,11 @@ def told_in(tree: ast.AST) -> Iterator[str]:
             for target in node.targets:
                 named.setdefault(getattr(target, "id", ""), set()).update(constants(node.value))
     for node in ast.walk(tree):
-        if isinstance(node, ast.Call) and getattr(node.func, "id", "") in ("told", "tell") and node.args:
+        if (
+            isinstance(node, ast.Call)
+            and getattr(node.func, "id", getattr(node.func, "attr", "")) in ("told", "tell")
+            and node.args
+        ):
             given = node.args[0]
             yield from named.get(given.id, ()) if isinstance(given, ast.Name) else constants(given)
 
@@ -68,7 +73,8 @@ def test_every_text_that_is_told_has_its_german_with_the_same_fields() -> None:
     for english, german in GERMAN_OF_TOOLS.items():
         assert sorted(re.findall(r"{[^}]*}", english)) == sorted(re.findall(r"{[^}]*}", german)), english
     assert set(GERMAN) & set(GERMAN_OF_TOOLS) == set(), "one translation each"
-    assert set(GERMAN_OF_TEXTS) & set(GERMAN_OF_SETUP) == set(), "one translation each"
+    tables = (GERMAN_OF_TEXTS, GERMAN_OF_SETUP, GERMAN_OF_QUESTIONS)
+    assert len(GERMAN_OF_TOOLS) == sum(map(len, tables)), "one translation each"
 
 
 def test_the_page_has_the_same_german_for_the_same_text() -> None:
