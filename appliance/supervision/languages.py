@@ -217,7 +217,11 @@ class Texts:
         """Returns the text whole in the language, else the English text itself."""
         table = self._table
         said = [table[text]] if text in table else [self._clause(clause) for clause in text.split("; ")]
-        return text if None in said else "; ".join(filter(None, said))
+        if None not in said:
+            return "; ".join(filter(None, said))
+        parts = text.split(" · ")
+        told = [self.translated(part) for part in parts] if len(parts) > 1 else parts
+        return text if any(one == part for one, part in zip(told, parts, strict=True)) else " · ".join(told)
 
     def _clause(self, clause: str) -> str | None:
         if clause in self._table:

@@ -318,6 +318,16 @@ def test_the_log_of_a_german_cart_is_told_in_german(folder: Path) -> None:
             "gestartet: probewatch 0.2 · Konfiguration abababababab · Referenz 2, Konfiguration, x.toml, SHA-256 cd · "
             "SIMULIERT: sim:x",
         ),
+        (
+            Event.STATE,
+            {
+                "state": "halt",
+                "fault": "offset",
+                "reason": "HALT: calibration is wrong · Marker body or tracker has moved",
+            },
+            "Zustand: Halt (offset) · HALT: Kalibrierung ist falsch · Markerkörper oder Tracker ist verrutscht",
+        ),
+        (Event.STATE, {"state": "halt", "reason": "HALT: calibration is wrong · a dream"}, "state: halt · HALT: calib"),
         (Event.STARTED, {"found": ["a gap"]}, "started: found a gap"),
         (
             Event.REFERENCE,
