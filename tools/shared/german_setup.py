@@ -23,6 +23,11 @@ GERMAN_OF_SETUP = {
     # before a change
     "needs a person to accept it; nothing was changed": "das muss ein Mensch annehmen; nichts wurde geändert",
     "Give --yes to accept it": "Mit --yes annehmen",
+    "What stands in its way: probewatch status": "Was im Wege steht: probewatch status",
+    # status
+    "once the position sensor was looked at: probewatch ack --bump": (
+        "sobald der Positionssensor angesehen wurde: probewatch ack --bump"
+    ),
     # log
     "chain begun": "Kette begonnen",
     "started": "gestartet",

@@ -17,7 +17,7 @@ from rich.text import Text
 from appliance.service.control.status_fields import STATUS, Field
 from appliance.supervision.languages import translated, translated_text
 from appliance.types import Fault, State
-from tools.shared.german import lost_text, recognised
+from tools.shared.german import lost_text, recognised, told
 from tools.shared.gesture_drawings import drawn
 from tools.shared.plain_text import shown
 from tools.shared.point_text import WORDS as POINT_WORDS
@@ -50,6 +50,10 @@ WORDS = {
     **PROFILE_WORDS,
 }
 """Every word of the picture that the service does not say itself."""
+
+_BUMPED = "was bumped"
+"""In the remark of a tracker whose position sensor took a blow: it stands until a person has looked."""
+_LOOKED_AT = "once the position sensor was looked at: probewatch ack --bump"
 
 _BAR_CELLS = 9
 """Columns of a bar, and of a trend. More asks for a wider terminal before there are two columns of checks."""
@@ -269,7 +273,8 @@ def _remarks(status: Status) -> list[Text]:
         *([_words(status)["recovering"].format(names=back)] if back else []),
         *status["notices"],
         *([f"recalibration: {given_up}"] if given_up else []),
-        *(recognised(remark, _language(status)) for remark in status["remarks"]),
+        *(recognised(remark, language) for remark in status["remarks"]),
+        *([told(_LOOKED_AT, language)] if any(_BUMPED in remark for remark in status["remarks"]) else []),
         *lost,
         *ended,
     ]

@@ -12,7 +12,7 @@ import click
 from appliance.core.quality.gesture import gestures
 from appliance.service.control.client import ControlClient
 from appliance.service.control.server import ControlRefused
-from appliance.supervision.alarms import HAZARDS, SIGNALS
+from appliance.supervision.alarms import HAZARDS, NOT_NOW, SIGNALS
 from appliance.types import Fault, Kind, State
 from drivers.errors import ConfigurationError, DeviceLost, ProbewatchError
 from tools.shared.german import confirmed, recognised, told
@@ -66,14 +66,28 @@ def recalibrating(client: ControlClient | None, language: str) -> Iterator[None]
     if client is None:
         yield
         return
-    client.begin_recalibration(_HOLD_S)
+    with _told_what_to_look_at(language):
+        client.begin_recalibration(_HOLD_S)
     try:
-        yield
+        with _told_what_to_look_at(language):
+            yield
     except BaseException as error:
         with contextlib.suppress(ProbewatchError):
             client.abort_recalibration()
             if isinstance(error, ProbewatchError):  # one that is interrupted is told by reporting_change
                 click.echo(_gone_back(client.status().get("reference"), language), err=True)
+        raise
+
+
+@contextlib.contextmanager
+def _told_what_to_look_at(language: str) -> Iterator[None]:
+    """What the service cannot do in its state names where the cause of that state is told."""
+    try:
+        yield
+    except ControlRefused as error:
+        if error.what.startswith(NOT_NOW) and not error.remedy:
+            error.what = recognised(error.what, language)
+            error.remedy = told("What stands in its way: probewatch status", language)
         raise
 
 

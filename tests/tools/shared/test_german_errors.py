@@ -85,3 +85,21 @@ def test_why_a_device_is_lost_is_german_in_the_status_of_a_german_cart(tmp_path:
     assert "/dev/ttyUSB0: keine solche serielle Schnittstelle. Das Kabel einstecken, oder den Pfad in der" in shown
     assert "! video: x: is tired" in shown
     assert lost_text(why, "en") == why
+
+
+@pytest.mark.parametrize(
+    ("language", "said"),
+    [
+        ("en", "! once the position sensor was looked at: probewatch ack --bump"),
+        ("de", "! sobald der Positionssensor angesehen wurde: probewatch ack --bump"),
+    ],
+)
+def test_the_status_names_the_command_that_ends_the_alert_of_a_bump(tmp_path: Path, language: str, said: str) -> None:
+    """Below a halt its remedy said to scan, which cannot help while every pose is a fault."""
+    with Answering(tmp_path / "control") as service:
+        service.changes = {"language": language, "remarks": ["the position sensor was bumped, too hot"]}
+        shown = " ".join(answered("status", "--socket", service.path).stdout.split())
+        service.changes = {"language": language, "remarks": ["too hot"]}
+        healed = answered("status", "--socket", service.path).stdout
+    assert said in shown
+    assert "--bump" not in healed

@@ -116,3 +116,26 @@ def test_what_is_declined_after_the_contact_opened_says_what_is_in_force(
     with _Declining(tmp_path / "control", reference) as service:
         result = CliRunner().invoke(calibration.command, ["back", "1", "--socket", str(service.path)])
     assert (said in result.stderr, "the disk is full" in str(result.exception)) == (True, True), result.output
+
+
+class _Halted(_Unverified):
+    """A service that falls back to halt once a recalibration has begun, as where the tracker reports a fault."""
+
+    def _answer(self, do: str, request: dict[str, Any], who: Peer) -> dict[str, Any]:
+        if do == "end-recalibration":
+            raise ControlRefused("not possible while halt")
+        return super()._answer(do, request, who)
+
+
+@pytest.mark.parametrize(
+    ("language", "said"),
+    [
+        ("en", "not possible while halt. What stands in its way: probewatch status"),
+        ("de", "nicht möglich während eines Halts. Was im Wege steht: probewatch status"),
+    ],
+)
+def test_what_the_state_does_not_allow_names_where_its_cause_is_told(tmp_path: Path, language: str, said: str) -> None:
+    """It was "not possible while halt" and no more, in English."""
+    with _Halted(tmp_path / "control", status(language=language)) as service:
+        result = CliRunner().invoke(calibration.command, ["back", "1", "--socket", str(service.path)])
+    assert said in str(result.exception)
