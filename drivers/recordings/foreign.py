@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from itertools import chain
 from pathlib import Path
 
+from drivers.descriptor import FILM_SUFFIXES
 from drivers.errors import RecordingError
 from drivers.recordings.advice import POSES_APART
 
@@ -22,9 +23,6 @@ _AS_CSV = "Save its table of poses as CSV (docs/black-box.md has the columns)"
 
 _ARRAYS = "Give arrays to appliance.api.judge (docs/python.md)"
 _CONVERT = f"Convert it to MP4 or MKV; {POSES_APART}"
-
-_FILMS = (".mp4", ".m4v", ".mov", ".avi", ".mkv", ".webm")
-"""Suffixes of the films that are read."""
 
 _KINDS = (
     (0, b"#ROSBAG", "a ROS bag", _REPLAY),
@@ -121,7 +119,7 @@ def refuse_foreign(head: bytes, path: Path) -> None:
         if b"t_s" in first:
             what = "begins as a table of poses, and its name does not end in .csv"
             raise RecordingError(what, str(path), f"Save it with commas as .csv; {POSES_APART}")
-        if path.suffix.lower() in _FILMS:
+        if path.suffix.lower() in FILM_SUFFIXES:
             raise RecordingError(
                 f"is no film: it does not begin as {path.suffix.lower()} does", str(path), "Copy or export it again"
             )

@@ -259,9 +259,15 @@ def _refuse_absent(recordings: tuple[Path, ...]) -> None:
                 if path.parent.is_dir()
                 else []
             )
-            meant = [str(path.with_name(name)) for name in suggested(path.name, beside)]
+            alike = [name for name in beside if suggested(_stem(path.name), [_stem(name)])]  # not by its suffix alone
+            meant = [str(path.with_name(name)) for name in suggested(path.name, alike)]
             remedy = did_you_mean(meant) or "Check its name and its folder"
             raise RecordingError("cannot be read: No such file or directory", str(path), remedy)
+
+
+def _stem(name: str) -> str:
+    """Returns the name without its suffixes, such as .igs.mha."""
+    return name.partition(".")[0]
 
 
 def _parts(one: Path | Series) -> tuple[Path, ...]:

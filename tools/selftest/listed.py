@@ -28,5 +28,6 @@ def print_items(found: Sequence[Item], console: Console, language: str) -> None:
     if console.is_terminal:
         console.print(table)
     bad = sum(not item.green for item in found)
-    some = told("{bad} of {number} are not green.", language, bad=bad, number=len(found))
+    text = "1 of {number} is not green." if bad == 1 else "{bad} of {number} are not green."
+    some = told(text, language, bad=bad, number=len(found))
     console.print(Text(some, style="red") if bad else Text(told("All green.", language), style="green"))

@@ -24,6 +24,8 @@ GERMAN_OF_SETUP = {
     "needs a person to accept it; nothing was changed": "das muss ein Mensch annehmen; nichts wurde geändert",
     "Give --yes to accept it": "Mit --yes annehmen",
     "What stands in its way: probewatch status": "Was im Wege steht: probewatch status",
+    # self-test
+    "1 of {number} is not green.": "1 von {number} ist nicht grün.",
     # status
     "once the position sensor was looked at: probewatch ack --bump": (
         "sobald der Positionssensor angesehen wurde: probewatch ack --bump"

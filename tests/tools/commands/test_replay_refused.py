@@ -113,6 +113,8 @@ def test_a_recording_that_is_not_there_is_told_before_a_missing_option(tmp_path)
     answer = answered("replay", tmp_path / "box.mcp")
     assert (answer.returncode, f"Did you mean '{tmp_path}/box.mcap'?" in answer.stderr) == (65, True), answer.stderr
     assert "--calibration" not in answer.stderr
+    other = answered("replay", tmp_path / "nope.mcap").stderr
+    assert "Did you mean" not in other, "the suffix alone makes no name alike"
 
 
 def test_a_fault_that_begins_after_the_recording_is_a_usage_error(session, calibration):

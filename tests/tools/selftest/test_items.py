@@ -193,3 +193,20 @@ def test_a_lost_device_has_one_remedy_and_its_url_does_not_make_the_list_as_wide
     print_items(lost, Console(), "en")
     assert f"tracker\t{own}. Mend that first, and repeat\n" in capsys.readouterr().out
     assert items.devices(recorded(lost={"video sim:x": "is gone"}))[-1].remedy == "Mend it, or its cable"
+
+
+@pytest.mark.parametrize(
+    ("bad", "language", "said"),
+    [
+        (1, "en", "1 of 2 is not green."),
+        (1, "de", "1 von 2 ist nicht grün."),
+        (2, "en", "2 of 2 are not green."),
+        (2, "de", "2 von 2 sind nicht grün."),
+    ],
+)
+def test_one_that_is_not_green_is_told_as_one(
+    bad: int, language: str, said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = [items.Item("disk", number >= bad, "is there") for number in range(2)]
+    print_items(found, Console(), language)
+    assert capsys.readouterr().out.splitlines()[-1] == said

@@ -156,7 +156,7 @@ def test_a_german_cart_is_tested_in_german_and_its_record_stays_as_it_is(tmp_pat
         given = ("self-test", "--socket", service.path, "--folder", tmp_path / "kept", "--yes", "--lamps", "skip")
         shown = answered(*given)
     assert "✓\tUhr\t" in shown.stdout
-    assert "sind nicht grün." in shown.stdout
+    assert "nicht grün." in shown.stdout
     assert "aufbewahrt: " in shown.stdout
     (record,) = (json.loads(file.read_text()) for file in (tmp_path / "kept").iterdir())
     assert {"clock", "service", "disk"} <= {item["name"] for item in record["items"]}
