@@ -383,10 +383,9 @@ def configuration_text(path: Path) -> str:
         return text_of(read_bounded(path, _MOST_BYTES))
     except OSError as error:
         what = f"cannot be read ({error.strerror})"
-        absent = isinstance(error, FileNotFoundError)
-        remedy = (
-            f"Correct its name, or write it: probewatch configure {path}" if absent else "Check the path's permissions"
-        )
+        remedy = "Name the file in it" if path.is_dir() else "Check the path's permissions"
+        if isinstance(error, FileNotFoundError):
+            remedy = f"Correct its name, or write it: probewatch configure {path}"
         raise ConfigurationError(what, str(path), remedy) from None
     except NotUtf8Error as error:
         raise ConfigurationError(str(error), str(path), SAVE_AS_UTF_8) from None

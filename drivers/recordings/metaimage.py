@@ -168,7 +168,8 @@ def _refusal(path: Path, key: str, what: str, remedy: str) -> RecordingError:
 
 def unreadable(path: Path, error: OSError) -> RecordingError:
     where = str(error.filename or path)
-    return RecordingError(f"cannot be read: {error.strerror}", where, "Check the name and the permissions")
+    remedy = "Name a recording in it" if Path(where).is_dir() else "Check the name and the permissions"
+    return RecordingError(f"cannot be read: {error.strerror}", where, remedy)
 
 
 def _read_header(stream: BinaryIO, path: Path) -> tuple[dict[str, str], dict[int, dict[str, str]]]:

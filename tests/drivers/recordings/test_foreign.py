@@ -55,3 +55,9 @@ def test_it_says_what_it_is_and_not_that_it_is_cut(tmp_path: Path, content: byte
     assert said in str(told.value)
     assert "cut" not in str(told.value)
     assert told.value.remedy
+
+
+def test_a_folder_is_told_to_name_a_recording_in_it(tmp_path: Path) -> None:
+    """Its permissions were to be checked."""
+    with pytest.raises(RecordingError, match=r"it is a folder, not a file\. Name a recording in it"):
+        read_sequence(tmp_path)

@@ -181,3 +181,8 @@ def test_of_a_configuration_that_is_not_there_it_says_how_to_write_one(tmp_path:
     for words in (("check", tmp_path / "cart.tmol"), ("record", "status", "--config", tmp_path / "cart.tmol")):
         answer = answered(*words)
         assert (answer.returncode, f"probewatch configure {tmp_path}/cart.tmol" in answer.stderr) == (78, True), answer
+
+
+def test_a_folder_is_told_to_name_the_file_in_it(tmp_path: Path) -> None:
+    """Its permissions were to be checked."""
+    assert "it is a folder, not a file). Name the file in it" in str(check(tmp_path).exception)
