@@ -349,17 +349,12 @@ def test_where_no_pose_is_sent_there_is_none_to_name() -> None:
     picture = Message("IMAGE", "Image", Image((16, 16, 1), bytes(16 * 16)).content)
     with serving(picture) as url:
         code, _, err = probed(f"{url}?deadline_ms=5000", "--only", "poses", seconds="0.5")
-    assert code == 69
-    assert (
-        "the server sends IMAGE 'Image'. Have the server send the tool's pose as TRANSFORM (PLUS: TransformNames)"
-        in err
-    )
+    assert (code, "sends IMAGE 'Image'. Have the server send the tool's pose as TRANSFORM" in err) == (69, True), err
 
 
 def test_a_tone_has_no_contact_to_move() -> None:
     code, _, err = probed("tone:default")
-    assert code == 78
-    assert "probing an output sounds its tone. Add --click while the tone is not in use" in err
+    assert (code, "sounds its tone. Add --click while the tone is not in use" in err) == (78, True), err
 
 
 @pytest.mark.parametrize("options", [(), ("--only", "pictures")])
