@@ -162,7 +162,9 @@ GERMAN = {text: german for row in FAULT_ROWS.values() for text, german in row.tr
     "this cart has no tone output": "dieser Wagen hat keinen Ton",
     "none of the {number} entries matches": "keiner der {number} Einträge passt",
     "{number} entries, the chain is whole": "{number} Einträge, die Kette ist heil",
-    "the chain is NOT whole": "die Kette ist NICHT heil",
+    "the chain is NOT whole: copy the folder for whoever looks into it, then probewatch ack": (
+        "die Kette ist NICHT heil: den Ordner für die Klärung kopieren, dann probewatch ack"
+    ),
     "{number} entries written to {file}": "{number} Einträge nach {file} geschrieben",
     "latched": "gehalten",
     "by": "durch",

@@ -25,7 +25,7 @@ SPOKEN = {
     "no tone": "this cart has no tone output",
     "no match": "none of the {number} entries matches",
     "whole": "{number} entries, the chain is whole",
-    "broken": "the chain is NOT whole",
+    "broken": "the chain is NOT whole: copy the folder for whoever looks into it, then probewatch ack",
     "written": "{number} entries written to {file}",
     "latched": "latched",
     "by": "by",
