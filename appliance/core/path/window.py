@@ -28,8 +28,27 @@ _SPARE_NS = 2_000_000_000
 """Poses kept for longer than pictures: the latency search and the velocity reach beyond both ends of the window."""
 _MOST_NEW = 1000
 """Poses are turned into arrays when they are asked for, and unasked when there are so many."""
+_NEIGHBOURS = 3.5
+"""Times from one pose to the next, as far as the next but one may be for a slope: in a gap of more than one lost pose a
+straight line is as good. Not varied."""
 _NO_TRACK = np.zeros(0, dtype=np.int64), np.zeros((0, 3)), np.zeros((0, 4))
 """Times, positions, turns."""
+
+
+def _cubic(times_s: Array, after: NDArray[np.intp], share: Array) -> Array:
+    """(4, …) weights of the poses after − 2 to after + 1 for a share of the way from after − 1 to after. The slope at a
+    pose is that between its neighbours; where there is none near, that of the straight line.
+    """
+    length = np.take(times_s, after) - np.take(times_s, after - 1)
+    rise, fall = share * (1 - share) ** 2, share**2 * (1 - share)
+    before_s = np.take(times_s, after) - np.take(times_s, np.maximum(after - 2, 0))
+    beyond_s = np.take(times_s, np.minimum(after + 1, times_s.size - 1)) - np.take(times_s, after - 1)
+    near = _NEIGHBOURS * length
+    early = np.where((after > 1) & (before_s < near), rise * length / before_s, 0.0)
+    late = np.where((after < times_s.size - 1) & (beyond_s < near), fall * length / beyond_s, 0.0)
+    whole_rise, whole_fall = np.where(early > 0, 0.0, rise), np.where(late > 0, 0.0, fall)
+    step = share**2 * (3 - 2 * share)
+    return np.stack([-early, 1 - step + late - whole_rise + whole_fall, step + early + whole_rise - whole_fall, -late])
 
 
 class PoseTrack:
@@ -63,16 +82,21 @@ class PoseTrack:
         return (self._times_ns - origin_ns) / 1e9, self._positions, self._turns
 
     def at(self, t_s: Array, origin_ns: int) -> tuple[Array, NDArray[np.bool_]]:
-        """(…, n) s → (…, n, 4, 4) poses, whether each time is bracketed; small steps, so quaternions blend linearly."""
+        """(…, n) s → (…, n, 4, 4) poses, whether each time is bracketed; small steps, so quaternions blend as numbers.
+
+        A cubic (Catmull–Rom) goes through them: a straight line cuts the top off a motion to and fro, and a press that
+        takes .65 s lost .3 % of its way between poses at 60 Hz, three quarters of a percent at 40 Hz.
+        """
         times, positions, turns = self.arrays(origin_ns)
         if times.size < 2:
             return np.broadcast_to(np.eye(4), (*t_s.shape, 4, 4)), np.zeros(t_s.shape, dtype=bool)
         after = np.clip(np.searchsorted(times, t_s, side="right"), 1, times.size - 1)
         start_s, end_s = np.take(times, after - 1), np.take(times, after)
-        share = np.clip((t_s - start_s) / (end_s - start_s), 0, 1)[..., None]
+        share = np.clip((t_s - start_s) / (end_s - start_s), 0, 1)
+        weights = _cubic(times, after, share)
+        around = np.clip(after + np.arange(-2, 2).reshape(4, *[1] * t_s.ndim), 0, times.size - 1)
         p, q = (
-            (1 - share) * np.take(values, after - 1, axis=0) + share * np.take(values, after, axis=0)
-            for values in (positions, turns)
+            np.einsum("k...,k...i->...i", weights, np.take(values, around, axis=0)) for values in (positions, turns)
         )
         q /= np.linalg.norm(q, axis=-1, keepdims=True)
         bracketed = (t_s >= times[0]) & (t_s <= times[-1]) & (end_s - start_s < MOST_APART_NS / 1e9)

@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation, Slerp
+from scipy.spatial.transform import Rotation
 
 from appliance.core.path.steps import SensorSteps, picture_steps, predicted_path, products_and_slopes
 from appliance.core.path.window import PathWindow, PoseTrack
 from drivers.rigid import rigid, rotation_from_vector
+from drivers.samples import Matrix4
 from tests.support.motions import TRUTH, planar_path, tilting_path
 from tests.support.windows import ORIGIN_NS, filled, motion
 
@@ -20,16 +21,36 @@ def track(times_s, poses) -> PoseTrack:
     return found
 
 
-def test_poses_between_two_readings_lie_on_the_shortest_arc() -> None:
-    times = np.arange(0, 1, 1 / 30)
-    poses = tilting_path(times) @ X
-    asked = np.array([0.1, 0.3141, 0.777])
-    found, known = track(times, poses).at(asked, ORIGIN_NS)
+def hand(t_s) -> Matrix4:
+    """(n, 4, 4) of the press and the rock of the gesture: 3 mm in .65 s, 8° in 1.4 s."""
+    press_mm, rock_rad = 3 * np.sin(2 * np.pi * t_s / 0.65), np.deg2rad(8) * np.sin(2 * np.pi * t_s / 1.4)
+    return rigid(rotation_from_vector(rock_rad[:, None] * [0.6, 0, 0.8]), press_mm[:, None] * [0, 1.0, 0])
+
+
+@pytest.mark.parametrize(("rate_hz", "off_mm"), [(60, 0.0003), (40, 0.001), (20, 0.007)])
+def test_poses_between_two_readings_lie_on_the_way_of_a_quick_hand(rate_hz: int, off_mm: float) -> None:
+    """A straight line from one to the next would lie .0102, .023 and .09 mm inside it: .3, .8 and 3 % of the press."""
+    times, asked = np.arange(0, 2, 1 / rate_hz), np.arange(0.2, 1.7, 0.0031)
+    found, known = track(times, hand(times)).at(asked, ORIGIN_NS)
     assert known.all()
-    slerp = Slerp(times, Rotation.from_matrix(poses[:, :3, :3]))(asked).as_matrix()
-    np.testing.assert_allclose(found[:, :3, :3], slerp, atol=1e-7)
-    for axis in range(3):
-        np.testing.assert_allclose(found[:, axis, 3], np.interp(asked, times, poses[:, axis, 3]), atol=1e-12)
+    wanted = hand(asked)
+    np.testing.assert_allclose(found[:, :3, 3], wanted[:, :3, 3], atol=off_mm)
+    np.testing.assert_allclose(found[:, :3, :3], wanted[:, :3, :3], atol=2e-4)
+
+
+def test_poses_between_readings_without_near_neighbours_lie_on_the_straight_line() -> None:
+    """At the ends, and beside a gap in which four readings were lost, nobody knows how the way bends."""
+    times = np.array([0.0, 0.1, 0.2, 0.65, 0.75, 0.85])
+    places = np.array([0.0, 1.0, 0.0, 5.0, 6.0, 5.0])
+    poses = rigid(np.broadcast_to(np.eye(3), (6, 3, 3)), places[:, None] * [1.0, 0, 0])
+    asked = np.array([0.05, 0.15, 0.7, 0.8])
+    found, _ = track(times, poses).at(asked, ORIGIN_NS)
+    straight = np.interp(asked, times, places)
+    bent = found[:, 0, 3] - straight
+    assert bent[[0, 3]] == pytest.approx([1 / 8, 1 / 8]), (
+        "one slope is that of the straight line, one of the neighbours"
+    )
+    assert bent[[1, 2]] == pytest.approx([1 / 8, 1 / 8])
 
 
 def test_times_that_no_two_readings_bracket_are_said_so() -> None:
