@@ -66,6 +66,11 @@ rotation of −9° within 60 s (the invariant's cart, its tissue taken for soft)
 Nothing between was tried. More names no fault in shallow pictures of patients.
 """
 
+_TURN_MM = 15.6
+"""Way out of the plane, mm, that changes the speckle as much as a turn by 1 rad in the plane: 4π σ_x σ_z ÷ wavelength
+of the simulated beam (σ .5 and .76 mm, 5 MHz), as the phase turns with the probe. More takes a rock to change more.
+"""
+
 _SHEARED = np.array([np.deg2rad(0.1), np.deg2rad(0.1), 0.02])
 """Standard deviation of the shear that is no turn: rad for 1 mm of press, for 1 mm along the skin, and for 1 mm of
 press at 1 rad of turn. More asks for more motion, less takes it for rotation: without it, the error of the rotation
@@ -115,6 +120,11 @@ class PathResidual:
         lever, _ = products_and_slopes(*self._moved_to(NOTHING))
         self.elevation_mm = np.asarray(self.blocks.means(np.cumsum(lever[-1, 2] @ moved)))
         """(m,) way of the picture's middle out of its plane, by the tracker and the reference."""
+        reach_mm = reference.scale_mm_per_px * reference.image_size_px / np.sqrt(12)
+        tilts = np.array([reach_mm[1], reach_mm[0], _TURN_MM])[:, None] * np.cumsum(reference.rotation @ turn, axis=1)
+        self.away_mm = np.vstack([self.elevation_mm, self.blocks.means(tilts)])
+        """(4, m) the same, mm, then by tilt about lateral and axial, root mean square over the picture, and by turns in
+        the plane: how far they change the speckle."""
         if not self.rigid:
             followed = self.seen(NOTHING)[1] - self.way_mm[1]
             steps = (self.blocks.steps(path, _FOLLOW_BLOCKS) for path in (self.pressed_mm, followed))
@@ -225,7 +235,7 @@ class PathResidual:
     @cached_property
     def parts(self) -> Array:
         """(PARTS, m, m) as `Blocks.parts`; not to be written to."""
-        parts = self.blocks.parts(self.elevation_mm)
+        parts = self.blocks.parts(self.away_mm)
         parts.flags.writeable = False
         return parts
 

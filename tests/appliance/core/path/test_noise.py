@@ -67,15 +67,29 @@ def test_the_walks_begin_with_each_chain_and_grow_with_time_and_way() -> None:
     assert parts[WAY][14, 14] == pytest.approx(given.t_s[14] * 10, rel=0.15)
 
 
-def test_a_slant_is_the_double_integral_of_a_slope_that_forgets_itself_over_two_millimetres() -> None:
+def test_a_slant_is_the_double_integral_of_a_slope_that_forgets_itself_over_three_millimetres() -> None:
     """Numerically, between places 3 and 5 mm from the lowest."""
-    z_mm = np.repeat([0.0, 3.0, 5.0, 3.0], 30)
-    parts = Blocks.of(np.arange(360) / 30, np.zeros(360, dtype=np.int64)).parts(z_mm)
+    ends_mm = ((0, 0), (0, 3), (3, 3), (3, 5), (5, 5), (5, 3), (3, 3))
+    z_mm = np.concatenate([np.linspace(*ends, 25) for ends in ends_mm])
+    parts = Blocks.of(np.arange(525) / 30, np.zeros(525, dtype=np.int64)).parts(z_mm)
     step = 0.005
     a, b = (np.arange(step / 2, end, step) for end in (3.0, 5.0))
-    expected = np.exp(-np.abs(a[:, None] - b) / 2.0).sum() * step**2
-    assert parts[SLANT][45, 75] == pytest.approx(expected, rel=1e-3)
-    np.testing.assert_allclose(parts[SLANT][45], parts[SLANT][105], atol=1e-9, err_msg="the same place shifts alike")
+    expected = np.exp(-np.abs(a[:, None] - b) / 3.0).sum() * step**2
+    assert parts[SLANT][62, 112] == pytest.approx(expected, rel=2e-3)
+    np.testing.assert_allclose(parts[SLANT][62], parts[SLANT][162], atol=1e-9, err_msg="the same place shifts alike")
+
+
+def test_a_slant_forgets_itself_across_directions_and_tilts_lead_astray_as_ways_do() -> None:
+    """Out of the plane and back at another tilt: what is left of the way's error is that of the tilt, both ways."""
+    there, back = np.linspace(0, 2, 60), np.linspace(2, 0, 60)
+    at_once, tilted = np.concatenate([there, back]), np.repeat([0.0, 20.0], 60)
+    given = Blocks.of(np.arange(360) / 30, np.zeros(360, dtype=np.int64))
+    alike, apart = given.parts(at_once), given.parts(np.stack([at_once, tilted]))
+    assert alike[SLANT][-1, -1] == pytest.approx(0.0, abs=1e-9)
+    one_way = alike[SLANT][59, 59]
+    tilt = given.parts(tilted)[SLANT][-1, -1]
+    assert apart[SLANT][-1, -1] == pytest.approx(2 * one_way + tilt, rel=0.05)
+    assert apart[WAY][-1, -1] > alike[WAY][-1, -1] + 15
 
 
 def test_a_memory_is_of_the_means_of_blocks() -> None:
