@@ -102,8 +102,8 @@ def command(
     It comes at that time, or as soon after it as the calibration is verified: only then can it be lost.
 
     --tissue NAME scans a patient instead of a phantom, such as half-30+drag-2; `probewatch study --help` lists the
-    parts. The demo's pictures, 21 mm deep, are too shallow to be verified over tissue that gives way, so no fault can be
-    put in there.
+    parts. The demo's pictures, 21 mm deep, are too shallow to be verified over tissue that gives way, so no fault can
+    be put in there.
 
     \b
     Examples:

@@ -70,7 +70,8 @@ def _parameter(index: int, solution: Solution | None, limits: Limits) -> Check:
     if solution is None or not trusted(solution):
         return Check(name, fault, nan, nan, unit, limit, VerdictKind.NOT_VERIFIED)
     value = float(solution.change[index]) * factor
-    sigma = hypot(sqrt(float(solution.covariance[index, index])) * factor, quantity.left_out)
+    left_out = quantity.left_out_rigid if solution.rigid else quantity.left_out
+    sigma = hypot(sqrt(float(solution.covariance[index, index])) * factor, left_out)
     if name in dragged(solution.travel_mm) or not solution.calibration.observed[index]:
         return Check(name, fault, nan, sigma, unit, limit, VerdictKind.NOT_VERIFIED)
     shown_ns = int(solution.shown_ns[index])

@@ -132,10 +132,10 @@ def test_noise_that_was_learned_under_another_profile_is_refused(tmp_path: Path)
 
 
 def test_what_no_motion_can_show_within_its_limit() -> None:
-    assert never_shown(Limits()) == never_shown(Limits(profile="clinical")) == ()
-    assert never_shown(Limits(profile="fine")) == (Fault.OFFSET,)
-    assert never_shown(Limits(profile="fine", confidence_sigma=2.5)) == ()
+    assert never_shown(Limits()) == never_shown(Limits(profile="clinical")) == never_shown(Limits(profile="fine")) == ()
+    assert never_shown(Limits(offset_mm=0.6)) == (Fault.OFFSET,)
+    assert never_shown(Limits(offset_mm=0.6, confidence_sigma=2.5)) == ()
     left_out = {f"offset-{axis}": 0.0 for axis in ("lateral", "axial", "elevational")}
-    assert never_shown(Limits(profile="fine", required_age_s=RequiredAges.model_validate(left_out))) == ()
-    tight = {one.limit_key: 3 * one.left_out for one in QUANTITIES.values()}
-    assert never_shown(Limits.model_validate({**tight, "latency_ms": 15.0})) == tuple(QUANTITIES)
+    assert never_shown(Limits(offset_mm=0.6, required_age_s=RequiredAges.model_validate(left_out))) == ()
+    tight = {one.limit_key: 4 * one.left_out_rigid for one in QUANTITIES.values()}
+    assert never_shown(Limits.model_validate({**tight, "confidence_sigma": 4.0})) == tuple(QUANTITIES)
