@@ -33,7 +33,7 @@ class Quantity:
 
 
 QUANTITIES: Mapping[Fault, Quantity] = {
-    Fault.ROTATION: Quantity("deg", degrees(1.0), "rotation_deg", 0.25, 0.15),
+    Fault.ROTATION: Quantity("deg", degrees(1.0), "rotation_deg", 0.25, 0.1),
     Fault.SCALE: Quantity("%", 100.0, "scale_percent", 0.3, 0.25),
     Fault.OFFSET: Quantity("mm", 1.0, "offset_mm", 0.5, 0.2),
     Fault.LATENCY: Quantity("ms", 1000.0, "latency_ms", 5.0, 5.0),

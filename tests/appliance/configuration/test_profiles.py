@@ -137,5 +137,5 @@ def test_what_no_motion_can_show_within_its_limit() -> None:
     assert never_shown(Limits(offset_mm=0.6, confidence_sigma=2.5)) == ()
     left_out = {f"offset-{axis}": 0.0 for axis in ("lateral", "axial", "elevational")}
     assert never_shown(Limits(offset_mm=0.6, required_age_s=RequiredAges.model_validate(left_out))) == ()
-    tight = {one.limit_key: 4 * one.left_out_rigid for one in QUANTITIES.values()}
-    assert never_shown(Limits.model_validate({**tight, "confidence_sigma": 4.0})) == tuple(QUANTITIES)
+    tight = {one.limit_key: 5 * one.left_out_rigid for one in QUANTITIES.values()}
+    assert never_shown(Limits.model_validate({**tight, "confidence_sigma": 5.0})) == tuple(QUANTITIES)

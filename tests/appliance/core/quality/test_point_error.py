@@ -156,7 +156,7 @@ def test_the_posterior_is_that_of_the_checks_with_what_the_model_leaves_out(show
     assert np.allclose(own.mean[:8], shown.solution.change[:8])
     solved = np.sqrt(np.diag(shown.solution.covariance))[:8]
     left_out = np.sqrt(np.diag(own.covariance)[:8] - solved**2)
-    assert np.rad2deg(left_out[:3]) == pytest.approx([0.15] * 3)
+    assert np.rad2deg(left_out[:3]) == pytest.approx([0.1] * 3)
     assert left_out[3:] == pytest.approx([0.0025] * 2 + [0.2] * 3)
     latency = next(check for check in shown.checks if check.name == "latency")
     assert (own.mean[8], own.covariance[8, 8]) == pytest.approx((latency.value / 1e3, (latency.sigma / 1e3) ** 2))
