@@ -64,15 +64,14 @@ LEFT_OUT: Vector = np.array([QUANTITIES[fault].left_out for fault in CLASSES]) /
 room in any."""
 
 
-def never_shown(limits: Limits) -> tuple[Fault, ...]:
-    """Classes of which the contact asks for a parameter that no motion can show within its limit: what the model leaves
-    out even in rigid tissue fills the limit by itself.
+def never_shown(limits: Limits, rigid: bool) -> tuple[Fault, ...]:
+    """Classes of which the contact asks for a parameter that no motion can show within its limit, in rigid tissue or in
+    tissue that may give way: what the model leaves out fills the limit by itself.
     """
     asked = {class_of(name) for name in limits.required_age_s.names if name in MEASURED}
-    full = (
-        fault for fault, one in QUANTITIES.items() if limits.confidence_sigma * one.left_out_rigid >= one.limit(limits)
-    )
-    return tuple(fault for fault in full if fault in asked)
+    added = {fault: one.left_out_rigid if rigid else one.left_out for fault, one in QUANTITIES.items()}
+    sigmas = limits.confidence_sigma
+    return tuple(f for f, one in QUANTITIES.items() if f in asked and sigmas * added[f] >= one.limit(limits))
 
 
 def limit_of_each(limits: Limits) -> Vector:

@@ -34,7 +34,7 @@ _TRIAL_S = 2.0
 _PROFILES: dict[Profile, str] = {
     "coarse": "3 deg, 5 %, 4 mm, 60 ms: finds a wrong or bent marker body, cable, depth; the one to begin with",
     "clinical": "1.5 deg, 3 %, 2.5 mm, 30 ms, a point within 4 mm: optical tracker, phantom; open more often",
-    "fine": "1 deg, 2 %, 1.5 mm, 20 ms, a point within 2.5 mm: this version never verifies it; for trials",
+    "fine": "1 deg, 2 %, 1.5 mm, 20 ms, a point within 2.5 mm: over rigid tissue alone, gesture of 10 s",
 }
 _LAMPS = [role.value for role in Role if role is not Role.CONTACT]
 _HELP = """Write the configuration of this cart, without an editor.

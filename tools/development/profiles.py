@@ -206,7 +206,7 @@ and errors of the tracker that are alike everywhere ([trackers.md](trackers.md))
 
 | tracker | profile |
 |---|---|
-| optical, 0.1 mm of noise, rigid tissue or phantom | `coarse`, `clinical`; `fine` while the gesture goes on for 10 s and more |
+| optical, 0.1 mm of noise, rigid tissue or phantom | `coarse`, `clinical`; `fine` by a gesture of 10 s |
 | the same, 0.25 mm | `coarse`; `clinical` not after every gesture |
 | optical, tissue that gives way as a patient's | `coarse`; see below before relying on `clinical` |
 | electromagnetic | not tried; one that errs by place is rarely verified by `coarse` ([16](known-anomalies.md)) |
@@ -217,8 +217,8 @@ What lies between that and the limit keeps the contact open. A slip in view is s
 ([evidence.md](evidence.md#slips-of-the-marker-body-in-view)). Gesture on rigid tissue, tracker of 0.1 mm, by the end of
 the session."""
 _WHY = """An OK needs three standard deviations of room, and each includes what the model of the motion leaves out
-([method.md](method.md), section 10). In tissue that was shown to be rigid little is left out, and motion for ten seconds
-and more brings sigma down to the third of 1° that `fine` asks for. In any other tissue 0.5 mm are added to each sigma
+([method.md](method.md), section 10). In tissue that was shown to be rigid little is left out, and motion for ten
+seconds brings sigma down to the third of 1° that `fine` asks for. In any other tissue 0.5 mm are added to each sigma
 of an offset, so 1.5 mm of the 1.5 mm of `fine`: it is never verified there, and `probewatch check` says so."""
 _CELLS = "Runs in which the contact closed (95 %); when it first did; share of the session. Medians (least–most)."
 _COMMAND = """Written by `python -m tools.development.profiles --table study.csv` from rows of `probewatch study`:

@@ -36,8 +36,8 @@ GERMAN_OF_QUESTIONS = {
     "1.5 deg, 3 %, 2.5 mm, 30 ms, a point within 4 mm: optical tracker, phantom; open more often": (
         "1.5 Grad, 3 %, 2.5 mm, 30 ms, ein Punkt auf 4 mm: optischer Tracker, Phantom; öfter offen"
     ),
-    "1 deg, 2 %, 1.5 mm, 20 ms, a point within 2.5 mm: this version never verifies it; for trials": (
-        "1 Grad, 2 %, 1.5 mm, 20 ms, ein Punkt auf 2.5 mm: bestätigt diese Version nie; für Versuche"
+    "1 deg, 2 %, 1.5 mm, 20 ms, a point within 2.5 mm: over rigid tissue alone, gesture of 10 s": (
+        "1 Grad, 2 %, 1.5 mm, 20 ms, ein Punkt auf 2.5 mm: nur über starrem Gewebe, Geste von 10 s"
     ),
     "limits": "Grenzen",
     "language of the operator's texts": "Sprache der Texte am Wagen",

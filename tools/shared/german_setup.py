@@ -17,6 +17,11 @@ GERMAN_OF_SETUP = {
         "{key} wird nie bestätigt, der Kontakt bleibt also offen: was Bewegung nicht zeigen kann, füllt sie aus "
         "({sigmas} x {left_out} {unit}). Mehr als {least} angeben"
     ),
+    "{key} is never verified over tissue that gives way, as a patient's: what motion cannot tell fills it there "
+    "({sigmas} x {left_out} {unit}). Give more than {least}": (
+        "{key} wird über nachgiebigem Gewebe wie dem eines Patienten nie bestätigt: was Bewegung nicht zeigen kann, "
+        "füllt sie dort aus ({sigmas} x {left_out} {unit}). Mehr als {least} angeben"
+    ),
     "[limits] {name} is looser than profile {profile} has it: OK says less than that name": (
         "[limits] {name} ist weiter als in Profil {profile}: OK sagt weniger als dieser Name"
     ),

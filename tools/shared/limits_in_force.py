@@ -12,6 +12,15 @@ from tools.shared.profile_text import profile_text
 
 _LESS_IS_LOOSER = ("confidence_sigma",)
 """Of the numbers that say what an OK means; of the others more is."""
+_NEVER = (
+    "{key} is never verified, so the contact stays open: what motion cannot tell fills it "
+    "({sigmas} x {left_out} {unit}). Give more than {least}"
+)
+_NEVER_SOFT = (
+    "{key} is never verified over tissue that gives way, as a patient's: what motion cannot tell fills it there "
+    "({sigmas} x {left_out} {unit}). Give more than {least}"
+)
+"""What is said of a limit that what the model leaves out fills by itself, in any tissue and in what gives way."""
 
 
 def rows(limits: Limits, text: str, language: str = "en") -> Iterator[str]:
@@ -34,14 +43,13 @@ def remarks(limits: Limits, language: str = "en") -> Iterator[str]:
     """Returns warnings about these limits: one that never lets the contact close, one that is looser than the profile
     says.
     """
-    for fault in never_shown(limits):
+    never = never_shown(limits, rigid=True)
+    for fault in never_shown(limits, rigid=False):
         one = QUANTITIES[fault]
         sigmas, key = limits.confidence_sigma, f"[limits] {one.limit_key} = {one.limit(limits):g}"
-        text = (
-            "{key} is never verified, so the contact stays open: what motion cannot tell fills it "
-            "({sigmas} x {left_out} {unit}). Give more than {least}"
-        )
-        left_out, least = f"{one.left_out:g}", f"{sigmas * one.left_out:g}"
+        added = one.left_out_rigid if fault in never else one.left_out
+        left_out, least = f"{added:g}", f"{sigmas * added:g}"
+        text = _NEVER if fault in never else _NEVER_SOFT
         yield told(text, language, key=key, sigmas=f"{sigmas:g}", left_out=left_out, unit=one.unit, least=least)
     own = Limits(profile=limits.profile)
     for name in limits.beside_profile:

@@ -132,10 +132,13 @@ def test_noise_that_was_learned_under_another_profile_is_refused(tmp_path: Path)
 
 
 def test_what_no_motion_can_show_within_its_limit() -> None:
-    assert never_shown(Limits()) == never_shown(Limits(profile="clinical")) == never_shown(Limits(profile="fine")) == ()
-    assert never_shown(Limits(offset_mm=0.6)) == (Fault.OFFSET,)
-    assert never_shown(Limits(offset_mm=0.6, confidence_sigma=2.5)) == ()
+    for tissue in (True, False):
+        assert never_shown(Limits(), tissue) == never_shown(Limits(profile="clinical"), tissue) == ()
+    assert never_shown(Limits(profile="fine"), rigid=True) == ()
+    assert never_shown(Limits(profile="fine"), rigid=False) == (Fault.OFFSET,)
+    assert never_shown(Limits(profile="fine", confidence_sigma=2.5), rigid=False) == ()
+    assert never_shown(Limits(offset_mm=0.6), rigid=True) == (Fault.OFFSET,)
     left_out = {f"offset-{axis}": 0.0 for axis in ("lateral", "axial", "elevational")}
-    assert never_shown(Limits(offset_mm=0.6, required_age_s=RequiredAges.model_validate(left_out))) == ()
+    assert never_shown(Limits(profile="fine", required_age_s=RequiredAges.model_validate(left_out)), rigid=False) == ()
     tight = {one.limit_key: 5 * one.left_out_rigid for one in QUANTITIES.values()}
-    assert never_shown(Limits.model_validate({**tight, "confidence_sigma": 5.0})) == tuple(QUANTITIES)
+    assert never_shown(Limits.model_validate({**tight, "confidence_sigma": 5.0}), rigid=True) == tuple(QUANTITIES)

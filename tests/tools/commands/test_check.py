@@ -71,9 +71,12 @@ def test_it_tells_which_limits_are_in_force_and_why(folder: Path) -> None:
     [
         (
             'profile = "fine"\n',
-            ["offset_mm = 1.5 is never verified, so the contact stays open: what motion cannot tell"],
+            ["offset_mm = 1.5 is never verified over tissue that gives way, as a patient's: what motion cannot tell"],
         ),
-        ("offset_mm = 1.5\n", ["offset_mm = 1.5 is never verified"]),
+        (
+            "offset_mm = 0.6\n",
+            ["offset_mm = 0.6 is never verified, so the contact stays open: what motion"],
+        ),
         ('profile = "fine"\noffset_mm = 10.0\n', ["offset_mm is looser than profile fine"]),
         ('profile = "clinical"\nconfidence_sigma = 2.0\n', ["confidence_sigma is looser than profile clinical"]),
         ('profile = "clinical"\npoint_mm = 4.5\n', ["point_mm is looser than profile clinical"]),

@@ -87,7 +87,7 @@ def test_a_profile_is_written_where_the_template_shows_it_and_what_it_costs_is_t
     result = configured(file, *GIVEN, "--profile", "fine")
     assert result.exit_code == 0, result.output
     assert load_config(file).limits.profile == "fine"
-    assert "offset_mm = 1.5 is never verified, so the contact stays open" in result.stderr
+    assert "offset_mm = 1.5 is never verified over tissue that gives way" in result.stderr
     assert 'profile = "fine"                # coarse, clinical, fine' in file.read_text()
     configured(file, *GIVEN)
     assert load_config(file).limits.profile == "fine", "what is not named stays"
