@@ -63,7 +63,7 @@ def test_the_contact_opens_on_a_slip_amid_a_flicker(away_s: float, bright: int, 
 @pytest.mark.parametrize(("every_ms", "moving"), [(120, True), (160, False), (235, True)])
 def test_the_contact_opens_on_a_slip_between_two_readings_of_a_slow_tracker(every_ms: int, moving: bool) -> None:
     """Within three readings: the hand could have gone so far, and the pictures do not show that it did."""
-    cart = verified_cart(1, pose_ms=every_ms)
+    cart = verified_cart(2, pose_ms=every_ms)
     cart.meet(moving=moving)
     cart.run(2.0)
     assert cart.closed
