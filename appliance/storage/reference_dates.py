@@ -4,8 +4,13 @@ argument.
 Days are of UTC and count whole: a calibration that is due on the first of May is overdue from the second on. The wall
 clock is believed as it stands, whichever way it was stepped, with one exception: one that is a day and more before the
 reference came in force is wrong, and then every date counts as passed. So does a date that cannot be read.
+
+The configuration's days count from the day on which a file first came in force. Going back to it, or using it again,
+checks nothing about it and renews nothing; a new scan makes another file.
 """
 
+from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, date, datetime, timedelta
 
@@ -58,9 +63,10 @@ class Dates:
         return f"the clock says {now:%Y-%m-%d}, before it came in force on {self.since:%Y-%m-%d}: set the clock"
 
 
-def dates_of(entry: Entry, content: bytes, due_days: int | None) -> Dates:
-    """Returns when the reference was made and is due. content: of the reference's file. due_days: of the configuration.
-    The earlier of both dates is when it is due.
+def dates_of(entry: Entry, history: Iterable[Entry], content: bytes, due_days: int | None) -> Dates:
+    """Returns when the reference is due and expires. history: all references, in which the same file may have been in
+    force before. content: of the reference's file. due_days: of the configuration. The earlier of both dates is when it
+    is due.
     """
     stated = provenance_of(content)
     ends: dict[str, datetime | None] = {}
@@ -73,11 +79,23 @@ def dates_of(entry: Entry, content: bytes, due_days: int | None) -> Dates:
             damages.append(f"its '{name}' is {stated[name][:40]!r}, no day such as 2027-05-01")
     try:
         since = _utc(entry.utc)
-        counted = None if due_days is None else since + timedelta(days=due_days)
+        counted = None if due_days is None else _first_use(entry, history, since) + timedelta(days=due_days)
     except (ValueError, OverflowError):
         return Dates(damage=f"it came in force at {entry.utc[:40]!r}, which no calendar has")
     due = min((one for one in (ends["due"], counted) if one is not None), default=None)
     return Dates(due, ends["expires"], "; ".join(damages), since)
+
+
+def _first_use(entry: Entry, history: Iterable[Entry], since: datetime) -> datetime:
+    """When the file of the entry first came in force. The earliest, not the first in the list: that may have come while
+    the clock was ahead. A time that cannot be read is skipped.
+    """
+    known = [since]
+    for one in history:
+        if one.sha256 == entry.sha256:
+            with suppress(ValueError, OverflowError):
+                known.append(_utc(one.utc))
+    return min(known)
 
 
 def _end_of(day: str) -> datetime:

@@ -29,7 +29,7 @@ from appliance.storage.calibration_file import (
 from appliance.storage.device_set import clip_px, remarks
 from appliance.storage.reference import candidate_from_content, candidate_of_entry
 from appliance.storage.reference_dates import dates_of
-from appliance.storage.reference_store import FOLDER, Entry, content_of, set_aside
+from appliance.storage.reference_store import FOLDER, Entry, History, content_of, set_aside
 from appliance.types import Calibration
 from drivers.errors import ConfigurationError
 from drivers.files.atomic_file import check_new, writing
@@ -119,7 +119,7 @@ def show(number: int | None, folder: Path, content: bool) -> None:
     calibration = candidate_of_entry(folder, entry).calibration
     for name, text in (
         *entry_lines(entry, entry is history.in_force, language),
-        *_paperwork(folder, entry, language),
+        *_paperwork(folder, history, entry, language),
         (told("scales", language), f"{numbers_text(calibration.scale_mm_per_px, 5)} mm/px (lateral, axial)"),
         (told("offset", language), f"{numbers_text(calibration.offset_mm, 2)} mm (lateral, axial, elevational)"),
         (told("polarity", language), f"{numbers_text(calibration.polarity, 0)} (lateral, axial)"),
@@ -128,10 +128,11 @@ def show(number: int | None, folder: Path, content: bool) -> None:
         click.secho(f"{name:<14}{said}", fg="yellow" if name == "!" else None)
 
 
-def _paperwork(folder: Path, entry: Entry, language: str) -> Iterator[tuple[str, str]]:
+def _paperwork(folder: Path, history: History, entry: Entry, language: str) -> Iterator[tuple[str, str]]:
     """Yields (name, text) of who made and signed it and how long it is valid; "!" names what must not be relied on."""
     content = content_of(folder, entry)
-    stated, dates, now = provenance_of(content), dates_of(entry, content, _due_days()), datetime.now(UTC)
+    dates = dates_of(entry, history.entries, content, _due_days())
+    stated, now = provenance_of(content), datetime.now(UTC)
     role, at = stated.get("signed_role", ""), stated.get("signed_at", "")
     signer = ", ".join(part for part in (stated.get("signed_by", ""), role, at and f"{utc_text(at)} UTC") if part)
     none = told("no date is set", language)

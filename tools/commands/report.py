@@ -188,7 +188,7 @@ def _dates(config: Config, history: History | None) -> Dates | None:
     if history is None or history.in_force is None:
         return None
     content = content_of(config.alarm.folder, history.in_force)
-    return dates_of(history.in_force, content, config.calibration.due_days)
+    return dates_of(history.in_force, history.entries, content, config.calibration.due_days)
 
 
 def _check_key(key: Path) -> None:

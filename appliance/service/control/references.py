@@ -125,7 +125,7 @@ class References(threading.Thread):
         """Dates of the reference in force."""
         current = self.current
         if current is not None and self._dates_known[0] != current.entry.number:
-            found = dates_of(current.entry, current.candidate.content, self._place.due_days)
+            found = dates_of(current.entry, self._history.entries, current.candidate.content, self._place.due_days)
             self._dates_known = current.entry.number, found
         return self._dates_known[1]
 

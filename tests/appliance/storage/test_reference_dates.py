@@ -19,7 +19,7 @@ SECOND = timedelta(seconds=1)
 def dates(tmp_path, due_days: int | None = None, **stated: str) -> Dates:
     file = tmp_path / "probe.toml"
     write_calibration(file, calibration(), stated)
-    return dates_of(ENTRY, calibration_bytes(file), due_days)
+    return dates_of(ENTRY, [ENTRY], calibration_bytes(file), due_days)
 
 
 def test_without_any_date_nothing_is_ever_overdue_whatever_the_clock_says(tmp_path) -> None:
@@ -72,11 +72,23 @@ def test_a_date_that_is_none_counts_as_passed_and_is_named(tmp_path, stated: str
 
 def test_a_reference_of_no_time_is_overdue_where_a_date_counts_from_it(tmp_path) -> None:
     entry = ENTRY.model_copy(update={"utc": "yesterday"})
-    assert "no calendar has" in dates_of(entry, b"", 365).overdue(datetime(2026, 5, 2, tzinfo=UTC))
+    assert "no calendar has" in dates_of(entry, [entry], b"", 365).overdue(datetime(2026, 5, 2, tzinfo=UTC))
     naive = ENTRY.model_copy(update={"utc": "2026-05-01T10:00:00"})
-    assert dates_of(naive, b"", 1).due_utc == "2026-05-02T10:00:00+00:00"
+    assert dates_of(naive, [naive], b"", 1).due_utc == "2026-05-02T10:00:00+00:00"
+
+
+def test_a_file_that_was_in_force_before_is_due_by_the_first_time_whatever_was_in_between() -> None:
+    """Also where the clock was ahead the first time: the earliest counts."""
+    other = ENTRY.model_copy(update={"number": 2, "sha256": "1" * 64, "utc": "2026-04-01T10:00:00+00:00"})
+    again = ENTRY.model_copy(update={"number": 3, "origin": "went back to 1", "utc": "2026-07-01T10:00:00+00:00"})
+    history = [ENTRY, other, again]
+    assert dates_of(again, history, b"", 30).due_utc == "2026-05-31T10:00:00+00:00"
+    ahead = ENTRY.model_copy(update={"utc": "2099-05-01T10:00:00+00:00"})
+    assert dates_of(again, [ahead, other, again], b"", 30).due_utc == "2026-07-31T10:00:00+00:00"
+    unreadable = ENTRY.model_copy(update={"utc": "yesterday"})
+    assert dates_of(again, [unreadable, other, again], b"", 30).due_utc == "2026-07-31T10:00:00+00:00"
 
 
 @pytest.mark.parametrize("content", [b"", b"\xff\xfe", b"<PlusConfiguration/>", b"[[[", b"provenance = 3"])
 def test_what_states_no_dates_has_none(content: bytes) -> None:
-    assert dates_of(ENTRY, content, None) == Dates(since=datetime(2026, 5, 1, 10, tzinfo=UTC))
+    assert dates_of(ENTRY, [ENTRY], content, None) == Dates(since=datetime(2026, 5, 1, 10, tzinfo=UTC))

@@ -1,0 +1,78 @@
+"""The dates of a calibration in service: what has expired stays expired until there is a new calibration."""
+
+from collections.abc import Iterator
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import pytest
+
+from appliance.service.control import references
+from tests.appliance.service.test_daemon import calibration, moved
+from tests.support.simulated_cart import SimulatedCart
+
+EXPIRES = 'calibration.due_days = 30\ncalibration.overdue = "expires"\n'
+
+
+@pytest.fixture
+def expired(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[SimulatedCart]:
+    """Its calibration was verified 40 days ago and may be used for 30."""
+    with SimulatedCart(tmp_path, more=EXPIRES) as cart:
+
+        def now() -> str:
+            return datetime.fromtimestamp(cart._wall_ns() / 1e9, UTC).isoformat(timespec="seconds")
+
+        monkeypatch.setattr(references, "_now", now)
+        cart.monitoring()
+        cart.utc += timedelta(days=40)
+        cart.run(3)
+        assert cart.contact() is False
+        yield cart
+
+
+def expect_expired(cart: SimulatedCart, origin: str) -> None:
+    cart.say(None)
+    cart.run(15)
+    status = cart.status()
+    assert status["reference"]["origin"] == origin
+    assert status["reference_overdue"]
+    assert cart.contact() is False
+
+
+def give_another(cart: SimulatedCart, file: Path) -> None:
+    """It is near, and motion contradicts it."""
+    with cart.client() as client:
+        client.begin_recalibration()
+        cart.say("offset")
+        client.end_recalibration(moved(cart, file, 1))
+
+
+def test_it_stays_expired_when_a_person_gives_another_one_up(expired: SimulatedCart, tmp_path: Path) -> None:
+    give_another(expired, tmp_path / "new.toml")
+    with expired.client() as client:
+        client.abort_recalibration()
+    expect_expired(expired, "went back to 1")
+
+
+def test_it_stays_expired_when_the_service_goes_back_to_it_by_itself(expired: SimulatedCart, tmp_path: Path) -> None:
+    """A device is lost while the other one is to be verified."""
+    expired.tracker.plugged = False
+    give_another(expired, tmp_path / "new.toml")
+    expired.wait_for("device lost")
+    expired.tracker.plugged = True
+    expect_expired(expired, "went back to 1")
+
+
+@pytest.mark.parametrize(("words", "origin"), [(["back", 1], "went back to 1"), (["use"], "recalibration")])
+def test_it_stays_expired_when_a_person_takes_the_same_file_again(
+    expired: SimulatedCart, words: list[str | int], origin: str
+) -> None:
+    """He is told what is left to do, and another file is in force again."""
+    file = expired.folder / "probe.toml"
+    used = calibration(expired, *words, *([file] if words == ["use"] else []), "--yes", "--wait", 3)
+    assert used.returncode == 75
+    assert "expired" in used.stderr or "due since" in used.stderr, used.stderr
+    expect_expired(expired, origin)
+    with expired.client() as client:
+        client.begin_recalibration()
+        client.end_recalibration(moved(expired, expired.folder / "new.toml", 1))
+    assert expired.monitoring().status()["reference_overdue"] is None
