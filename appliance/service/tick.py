@@ -60,7 +60,7 @@ class Tick:
         self._raise_failures()
         now_ns = self._clock.now_ns()
         self._host.begin_tick(now_ns)
-        if self._host.woke:
+        if self._references.lapse_ended() or self._host.woke:
             self._configuration.verify_anew()
         verdicts = self._hear(now_ns)
         alarm = self._supervision.step(now_ns, verdicts, self._watch(now_ns))

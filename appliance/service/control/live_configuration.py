@@ -69,7 +69,9 @@ class LiveConfiguration:
         self._log.info("configuration reloaded", file=str(self.file))
 
     def verify_anew(self) -> None:
-        """Discards the present verification: the limits have changed, or the computer has slept."""
+        """Discards the present verification: the limits have changed, the computer has slept, or the reference
+        had expired meanwhile.
+        """
         self._estimator.set_limits(self.config.limits, self.timeouts.stale_ns)
         self._supervisor.invalidate_verification()
 

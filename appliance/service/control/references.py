@@ -63,6 +63,7 @@ class References(threading.Thread):
         self._error: str | None = None
         self._wall_clock, self._dates_known = wall_clock, (0, Dates())
         self._missing: tuple[str, ...] = ()
+        self._lapsed = ""
         self._log = get_log(folder=str(self._folder))
         self.current: Reference | None = None
         self.changed: str | None = None
@@ -111,7 +112,7 @@ class References(threading.Thread):
             missing = ", ".join(self._missing)
             new = "far from the one before" if self.current.entry.number > 1 else "the first calibration"
             return f"it is {new}, and of it is not shown yet: {missing}"
-        return self._expired or None
+        return self._expired or self._lapsed or None
 
     @property
     def next_step(self) -> str:
@@ -137,6 +138,14 @@ class References(threading.Thread):
     @property
     def _expired(self) -> str:
         return self.dates.expired(self._wall_clock()) if self._place.overdue == "expires" else ""
+
+    def lapse_ended(self) -> bool:
+        """Whether the reference in force had expired by the last call and has not any more, as where the clock was
+        stepped. What was shown before then verifies nothing. Until the next call no verdict is kept, so that one in
+        between cannot be taken for a new one.
+        """
+        before, self._lapsed = self._lapsed, self._expired
+        return bool(before) and not self._lapsed
 
     def see(self, size_px: Size | None) -> None:
         """(width, height) of the last good picture."""
@@ -177,7 +186,7 @@ class References(threading.Thread):
                 who=who,
                 to_show=tuple(to_show),
             )
-            self._unsized, self._missing = None, entry.to_show
+            self._unsized, self._missing, self._lapsed = None, entry.to_show, ""
             self._contents[candidate.sha256] = candidate.content
             changes: dict[str, object] = {"entries": (*self._history.entries, entry)}
             if origin == CONFIGURED:
@@ -333,7 +342,8 @@ class References(threading.Thread):
         of it.
         """
         kept = self.current is not None and self.on_disk and not self._not_shown(verdict, self.current.entry)
-        if kept and not self._expired:
+        self._lapsed = self._lapsed or self._expired
+        if kept and not self._lapsed:
             return verdict
         withheld = replace(verdict, verified_ns=None)
         if verdict.kind is not VerdictKind.OK:

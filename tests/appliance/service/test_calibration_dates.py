@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from appliance.service.control import references
-from tests.appliance.service.test_daemon import calibration, moved
+from tests.appliance.service.test_daemon import MovedLine, calibration, moved
 from tests.support.simulated_cart import SimulatedCart
 
 EXPIRES = 'calibration.due_days = 30\ncalibration.overdue = "expires"\n'
@@ -76,3 +76,24 @@ def test_it_stays_expired_when_a_person_takes_the_same_file_again(
         client.begin_recalibration()
         client.end_recalibration(moved(expired, expired.folder / "new.toml", 1))
     assert expired.monitoring().status()["reference_overdue"] is None
+
+
+@pytest.mark.parametrize("step", [timedelta(days=40), timedelta(days=-40)])
+def test_after_a_wrong_clock_was_put_right_only_new_motion_verifies(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step: timedelta
+) -> None:
+    """The probe rests meanwhile: what was shown before the date had passed closed the contact."""
+    with SimulatedCart(tmp_path, MovedLine, more=EXPIRES) as cart:
+        cart.monitoring()
+        monkeypatch.setattr(MovedLine, "moving", False)
+        cart.run(5)
+        stepped_s = cart.now_s()
+        cart.utc += step
+        cart.run(10)
+        assert cart.contact(stepped_s) is False
+        cart.utc -= step
+        cart.run(5)
+        assert [closed for _, closed in cart.switched(stepped_s)] == [False]
+        assert cart.status()["reference_overdue"] is None
+        monkeypatch.setattr(MovedLine, "moving", True)
+        cart.monitoring()

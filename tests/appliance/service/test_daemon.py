@@ -178,7 +178,7 @@ def test_a_date_of_the_calibration_that_passes_is_told_once_and_opens_the_contac
         assert next(entry.data["by_s"] for entry in said if entry.event == "wall-clock") == 366 * 86400
 
 
-class _MovedLine(TrustingLine):
+class MovedLine(TrustingLine):
     """Shows everything while the probe moves, and says OK of it from then on, as at rest."""
 
     moving = True
@@ -189,7 +189,7 @@ class _MovedLine(TrustingLine):
         self._wanted = lambda: ""
 
     def step(self, sample: Sample) -> tuple[Verdict, ...]:
-        self.shown_ns = sample.stamp.t_ns if _MovedLine.moving else self.shown_ns
+        self.shown_ns = sample.stamp.t_ns if MovedLine.moving else self.shown_ns
         kind = VerdictKind.NOT_VERIFIED if self.shown_ns is None else VerdictKind.OK
         return tuple(replace(one, kind=kind, verified_ns=self.shown_ns) for one in super().step(sample))
 
@@ -198,9 +198,9 @@ def test_after_the_computer_slept_only_new_motion_verifies(tmp_path: Path, monke
     """No time passes meanwhile by the clock of all ages: the contact closed for minutes on what a night before had
     shown.
     """
-    with SimulatedCart(tmp_path, _MovedLine) as cart:
+    with SimulatedCart(tmp_path, MovedLine) as cart:
         cart.monitoring()
-        monkeypatch.setattr(_MovedLine, "moving", False)
+        monkeypatch.setattr(MovedLine, "moving", False)
         cart.run(5)
         assert cart.contact()
         woke_s, cart.slept_s = cart.now_s(), 8 * 3600.0
@@ -208,7 +208,7 @@ def test_after_the_computer_slept_only_new_motion_verifies(tmp_path: Path, monke
         cart.run(5)
         assert [closed for _, closed in cart.switched(woke_s)] == [False]
         assert cart.status()["state"] == "not verified"
-        monkeypatch.setattr(_MovedLine, "moving", True)
+        monkeypatch.setattr(MovedLine, "moving", True)
         cart.monitoring()
         (slept,) = (entry.data for entry in read_log(cart.alarms).entries if entry.event == "slept")
         assert slept["for_s"] == 8 * 3600

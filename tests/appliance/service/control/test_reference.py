@@ -273,7 +273,9 @@ def test_what_has_expired_is_verified_no_more_where_the_configuration_says_so(tm
     assert references.judged((ok,)) == (ok,)
     assert references.overdue == ""
     for days, passed in ((29, False), (31, True), (5, False), (-40, True)):
+        lapsed = bool(references.overdue)
         now[0] = datetime.now(UTC) + timedelta(days=days)
+        assert references.lapse_ended() is (lapsed and not passed and overdue == "expires")
         (told,) = references.judged((ok,))
         assert bool(references.overdue) is passed
         withheld = passed and overdue == "expires"
@@ -281,4 +283,23 @@ def test_what_has_expired_is_verified_no_more_where_the_configuration_says_so(tm
         assert (references.waits is not None) is withheld
         fault = Verdict(7, VerdictKind.FAULT, (), fault=Fault.SCALE)
         assert references.judged((fault,))[0].kind is VerdictKind.FAULT, "a fault is told whatever the date"
+    settled(references)
+
+
+def test_what_had_expired_is_withheld_until_the_tick_has_asked_for_new_motion(tmp_path) -> None:
+    """The clock may be put right between the tick's question and its verdicts."""
+    now = [datetime.now(UTC) + timedelta(days=31)]
+    config = configuration(tmp_path, more='calibration.due_days = 30\ncalibration.overdue = "expires"\n')
+    references = References(config, wall_clock=lambda: now[0])
+    references.begin()
+    until(lambda: references.on_disk)
+    assert not references.lapse_ended()
+    now[0] = datetime.now(UTC)
+    (told,) = references.judged((Verdict(7, VerdictKind.OK, (), verified_ns=7),))
+    assert (told.kind, told.verified_ns) == (VerdictKind.NOT_VERIFIED, None)
+    assert "it is due since" in told.reason
+    assert references.lapse_ended()
+    assert not references.lapse_ended()
+    (told,) = references.judged((Verdict(8, VerdictKind.OK, (), verified_ns=8),))
+    assert told.verified_ns == 8
     settled(references)
