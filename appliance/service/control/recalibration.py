@@ -108,7 +108,8 @@ class Recalibration:
         current = self._references.current
         if current is not None and self._estimator.reference is None:
             self._before = current
-            self._doubted = current.entry.number > 1 and current.entry.verified_utc is None
+            entry = current.entry
+            self._doubted = entry.verified_utc is None and (entry.number > 1 or bool(entry.to_show))
             self._refer(current)
 
     def _candidate(self, wanted: Wanted) -> Candidate:
@@ -134,11 +135,12 @@ class Recalibration:
 
     def _far_from_before(self, candidate: Candidate) -> bool:
         """Whether it is far from the one that was verified last: several near ones after each other, of which none was,
-        lead far away. Where the service started with one that nothing has verified yet, it may be.
+        lead far away. Where none was verified yet, or the service started with such a one, it may be.
         """
         before = self._before
-        known = before is not None and difference(before.calibration, candidate.calibration).beyond(self._limits())
-        return self._doubted or known
+        if before is None or self._doubted:
+            return True
+        return difference(before.calibration, candidate.calibration).beyond(self._limits())
 
     def _refer(self, reference: Reference) -> None:
         self._estimator.set_reference(reference.calibration, reference.relative_pose)

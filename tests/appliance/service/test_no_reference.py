@@ -10,6 +10,7 @@ from appliance.core.quality.gesture import Gesture
 from appliance.service.control.status import alarm_fields
 from appliance.supervision.languages import LANGUAGES, translated
 from appliance.types import AlarmState, State
+from tests.appliance.service.test_daemon import moved
 from tests.support.answers import answered
 from tests.support.simulated_cart import SimulatedCart
 
@@ -41,6 +42,34 @@ def test_a_cart_without_a_calibration_is_asked_for_one_not_for_a_gesture(tmp_pat
     assert "of it is not shown yet" in used.stderr, "what is asked for is taken, and motion is next"
     assert asked["reference"]["number"] == 1
     assert len(asked["gesture"]) > 1
+
+
+@pytest.mark.parametrize("restarted", [False, True])
+def test_a_near_successor_of_a_first_calibration_that_nothing_has_shown_is_to_be_shown_wholly(
+    tmp_path: Path, restarted: bool
+) -> None:
+    """What a person gave first may be far from the truth, and what is near to it as well."""
+    with Uncalibrated(tmp_path) as cart:
+        cart.say("offset")
+        cart.wait_for("not verified")
+        with cart.client() as client:
+            client.begin_recalibration()
+            client.end_recalibration(tmp_path / "probe.toml")
+        cart.run(1)
+        first = cart.status()["reference"]
+        if restarted:
+            cart.end_daemon()
+            cart.start_daemon()
+            cart.run(1)
+        with cart.client() as client:
+            if cart.status()["state"] == "recalibrating":
+                client.abort_recalibration()
+            client.begin_recalibration()
+            client.end_recalibration(moved(cart, tmp_path / "second.toml", 1))
+        second = cart.status()["reference"]
+    assert (first["number"], first["verified_utc"], second["number"]) == (1, None, 2)
+    assert "offset-elevational" in first["to_show"]
+    assert second["to_show"] == first["to_show"]
 
 
 def test_an_expired_calibration_is_to_be_renewed_not_to_be_moved(tmp_path: Path) -> None:
