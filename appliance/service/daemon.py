@@ -169,8 +169,10 @@ class Daemon:
 
     def __enter__(self) -> Self:
         self._references.begin()
-        origin = origin_fields(self._configuration.config, self._configuration.file, self._references)
-        self._events.started(self._references.current, origin)
+        current = self._references.current  # first: one that comes meanwhile is logged twice, not never
+        self._events.started(
+            current, origin_fields(self._configuration.config, self._configuration.file, self._references)
+        )
         self._devices.start()
         return self
 

@@ -20,9 +20,9 @@ from appliance.storage.alarm_chain import (
     Memory,
     digest_of,
     first_number,
-    read_log,
     segments,
 )
+from appliance.storage.witnessed_log import read_witnessed_log
 from drivers.files.atomic_file import make_folder, replacing, sync_directory
 
 ENTRIES_A_SEGMENT, SEGMENTS_KEPT = 2000, 20
@@ -44,7 +44,7 @@ class AlarmLog:
     def __init__(self, folder: Path) -> None:
         self._folder = self.file = folder
         make_folder(folder)
-        self.opened = read_log(folder)
+        self.opened = read_witnessed_log(folder)
         unsound = self._unsound()
         last = self.opened.entries[-1] if self.opened.entries else None
         memory = self.opened.memory or Memory()

@@ -14,10 +14,11 @@ import click
 from appliance.configuration.config import Config, load_config
 from appliance.service.control.client import is_running
 from appliance.service.control.rights import join_group
-from appliance.storage.alarm_chain import Entry, Event
+from appliance.storage.alarm_chain import Entry
 from appliance.storage.reference_dates import Dates, dates_of
 from appliance.storage.reference_store import FOLDER as REFERENCES
 from appliance.storage.reference_store import HISTORY, History, content_of, read_history
+from appliance.storage.witnessed_log import named_reference
 from drivers.errors import ConfigurationError
 from drivers.files.atomic_file import PAGE_BEGINS, check_replaceable
 from tools.report.pdf import check_pdf, write_pdf
@@ -166,21 +167,13 @@ def _lost(entries: Sequence[Entry], history: History | None, folder: Path) -> st
     """Says that the store lacks the reference that the log names last, as after its folder was removed; empty where it
     does not. A report would say that none was in force.
     """
-    named = next((one for entry in reversed(entries) if (one := _named(entry)) is not None), None)
+    named = next((one for entry in reversed(entries) if (one := named_reference(entry)) is not None), None)
     held = set() if history is None else {(one.number, one.sha256) for one in history.entries}
     if named is None or named in held:
         return ""
     number, sha256 = named
     what = f"the alarm log names reference {number}, SHA-256 {sha256[:12]}…, which the store does not hold"
     return f"{folder / REFERENCES}: {what}. Restore the folder from a copy"
-
-
-def _named(entry: Entry) -> tuple[int, str] | None:
-    """Returns number and SHA-256 of the reference that the entry brings in force; None for other entries."""
-    said = entry.data.get("reference") if entry.event in (Event.STARTED, Event.REFERENCE) else None
-    if not isinstance(said, dict) or not isinstance(said.get("sha256"), str) or not isinstance(said.get("number"), int):
-        return None
-    return said["number"], said["sha256"]
 
 
 def _dates(config: Config, history: History | None) -> Dates | None:

@@ -7,8 +7,9 @@ from pathlib import Path
 import click
 
 from appliance.service.control.rights import join_group
-from appliance.storage.alarm_chain import MEMORY, Reading, read_log, segments
+from appliance.storage.alarm_chain import MEMORY, Reading, segments
 from appliance.storage.reference_store import History, read_history
+from appliance.storage.witnessed_log import read_witnessed_log
 from drivers.errors import ConfigurationError
 
 _LOOKS = 3
@@ -44,11 +45,11 @@ def refuse_unreadable(*files: Path) -> None:
 
 def _settled(folder: Path) -> Reading:
     """Reads again after damage: damage that a second reading does not find was an entry still being written."""
-    reading = read_log(folder)
+    reading = read_witnessed_log(folder)
     for _ in range(_LOOKS):
         if not reading.damages:
             break
-        reading = read_log(folder)
+        reading = read_witnessed_log(folder)
     return reading
 
 

@@ -219,7 +219,7 @@ def test_the_alarm_log_tells_a_start_and_a_change_in_a_line(config):
     log.append(now, 1, "started", {**started_with, "reference": reference, "simulated": ["sim:/x"], "found": []}, None)
     log.append(now, 2, "reference", {"reference": {**reference, "number": 3}}, None)
     lines = answered("log", config.alarm.folder).stdout.splitlines()
-    start, change = [line for line in lines if "reference" in line]
+    start, change = [line for line in lines if "SHA-256" in line]
     told = f"recalibration, {reference['file']}, SHA-256 {reference['sha256'][:12]} by anna, moved by 1.5 mm"
     assert start.endswith(
         f"started: probewatch 1.2.3 · configuration abababababab · reference 2, {told} · SIMULATED: sim:/x"
