@@ -23,6 +23,8 @@ REPORTS_FAULTS = (Fault.LOG_DAMAGED, Fault.MEMORY_DAMAGED)
 MEMORY = "alarm-memory.json"
 AFTER = "after"
 """The field of a chain's first entry that holds the digest of the last entry before it."""
+CUT_OFF = "is cut off"
+"""What is wrong with half an entry at the end of a segment that is not the last."""
 VERSION = 1
 GENESIS = "0" * 64
 """In place of the digest before the first entry of all: as long as a SHA-256 in hexadecimal."""
@@ -182,7 +184,7 @@ def _read_segment(file: Path, chain: _Chain, last: bool) -> None:
         elif last:
             chain.damages.append(Damage(None, where, "was cut off while it was written"))
         else:
-            chain.damages.append(Damage(Fault.LOG_DAMAGED, where, "is cut off"))
+            chain.damages.append(Damage(Fault.LOG_DAMAGED, where, CUT_OFF))
 
 
 def _read_memory(folder: Path, chain: _Chain) -> Memory | None:

@@ -11,6 +11,7 @@ from typing import Any
 
 from appliance.storage.alarm_chain import (
     AFTER,
+    CUT_OFF,
     GENESIS,
     MEMORY,
     VERSION,
@@ -91,11 +92,19 @@ class AlarmLog:
         self._write(utc, t_ns, event, data, latch)
 
     def _unsound(self) -> list[Damage]:
-        """Damage since the chain was last begun, in a segment of its own; what lies before it was reported then."""
-        begins = [entry.number for entry in self.opened.entries if entry.event == Event.CHAIN_BEGUN]
-        since = begins[-1] if begins else 0
+        """Damage that no chain began after. In a segment before the last of these that is what none of them names: it
+        came later. Only that an older segment ends in half an entry is not named, because a power cut does that; where
+        whole entries went with it, the chain shows.
+        """
+        begins = [entry for entry in self.opened.entries if entry.event == Event.CHAIN_BEGUN]
+        since = begins[-1].number if begins else 0
         before = {file.name for file in segments(self._folder) if first_number(file) < since}
-        return [one for one in self.opened.damages if one.fault and one.where.split(" ")[0] not in before]
+        told = {str(text) for entry in begins for text in _listed(entry.data.get("found"))}
+
+        def is_old(one: Damage) -> bool:
+            return one.where.split(" ")[0] in before and (one.what == CUT_OFF or str(one) in told)
+
+        return [one for one in self.opened.damages if one.fault and not is_old(one)]
 
     def _continue_segment(self) -> None:
         """Write on in the last segment if it is whole; a torn last line is set aside first."""
@@ -154,6 +163,10 @@ class AlarmLog:
         with replacing(self.file) as stream:
             stream.write(json.dumps({**stored, "check": digest_of(stored)}).encode())
         self._memory_behind = False
+
+
+def _listed(found: object) -> list[Any]:
+    return found if isinstance(found, list) else []
 
 
 def _append(file: Path, line: bytes) -> None:

@@ -77,3 +77,33 @@ def test_a_log_put_back_to_an_older_copy_beside_newer_references_is_told(tmp_pat
         assert report.returncode == 65
         assert "the alarm log is damaged" in report.stderr
         expect_told_until_acknowledged(cart)
+
+
+def test_what_is_taken_from_a_chain_that_was_damaged_before_is_told(tmp_path: Path) -> None:
+    """Two chains were damaged and acknowledged; then entries of the first one are taken away."""
+    with SimulatedCart(tmp_path) as cart:
+        cart.monitoring()
+        for _ in range(2):
+            cart.end_daemon()
+            last = sorted(cart.alarms.glob("alarms-*.jsonl"))[-1]
+            last.write_bytes(last.read_bytes().replace(b'"event": "started"', b'"event": "startet"', 1))
+            cart.start_daemon()
+            cart.run(5)
+            assert cart.status()["fault"] == "log-damaged"
+            assert cart.acknowledge()
+            cart.monitoring()
+        cart.end_daemon()
+        cart.start_daemon()
+        cart.monitoring()
+        cart.end_daemon()
+        first = min(cart.alarms.glob("alarms-*.jsonl"))
+        first.write_bytes(b"".join(first.read_bytes().splitlines(True)[:2]))
+        cart.start_daemon()
+        cart.run(5)
+        assert cart.status()["fault"] == "log-damaged"
+        assert cart.contact() is False
+        assert cart.acknowledge()
+        cart.monitoring()
+        cart.end_daemon()
+        cart.start_daemon()
+        cart.monitoring()

@@ -101,6 +101,19 @@ def test_damage_stands_through_restarts_until_it_is_accepted(tmp_path: Path) -> 
     assert "is missing" in begun.data["found"][0]
 
 
+def test_half_an_entry_before_a_chain_that_was_begun_for_another_reason_is_not_told_again(tmp_path: Path) -> None:
+    """The power was cut while an entry was written, and the memory was lost as well."""
+    filled(tmp_path)
+    with segments(tmp_path)[0].open("ab") as segment:
+        segment.write(b'{"number": 4')
+    (tmp_path / MEMORY).unlink()
+    assert filled(tmp_path).damage == ("memory-damaged",)
+    again = AlarmLog(tmp_path)
+    again.damage = ()
+    again.append(NOON, 0, "request", {"do": "acknowledge"}, None)
+    assert AlarmLog(tmp_path).damage == ()
+
+
 def rewritten(folder: Path, lines: list[bytes]) -> None:
     segments(folder)[0].write_bytes(b"".join(lines))
 
