@@ -128,10 +128,18 @@ class Recalibration:
     def _must_confirm(self, wanted: Wanted, change: Difference) -> bool:
         return wanted.number is not None or change.beyond(self._limits())
 
-    def _take(self, candidate: Candidate, origin: str, who: str, change: Difference | None) -> None:
+    def _take(
+        self,
+        candidate: Candidate,
+        origin: str,
+        who: str,
+        change: Difference | None,
+        relative_pose: tuple[float, ...] | None = None,
+    ) -> None:
         far = change is None or change.beyond(self._limits()) or self._far_from_before(candidate)
         text = "" if change is None else change.text
-        self._refer(self._references.take(candidate, origin, who, text, _EVERYTHING if far else ()))
+        to_show = _EVERYTHING if far else ()
+        self._refer(self._references.take(candidate, origin, who, text, to_show, relative_pose))
 
     def _far_from_before(self, candidate: Candidate) -> bool:
         """Whether it is far from the one that was verified last: several near ones after each other, of which none was,
@@ -147,7 +155,10 @@ class Recalibration:
         self._took(reference)
 
     def _return(self) -> None:
+        """The pose of a second marker body is known on: what it slid by meanwhile is named, as after a restart."""
         before, current = self._before, self._references.current
         if before is not None and (current is None or before.entry.number != current.entry.number):
-            self._take(before.candidate, f"went back to {before.entry.number}", "", self._change(before.candidate))
+            number, change = before.entry.number, self._change(before.candidate)
+            known = self._references.history.entry(number).relative_pose
+            self._take(before.candidate, f"went back to {number}", "", change, known)
             self._before = self._references.current

@@ -168,9 +168,17 @@ class References(threading.Thread):
         return self._allowed(candidate_of_entry(self._folder, self._history.entry(number)))
 
     def take(
-        self, candidate: Candidate, origin: str, who: str = "", difference: str = "", to_show: Iterable[str] = ()
+        self,
+        candidate: Candidate,
+        origin: str,
+        who: str = "",
+        difference: str = "",
+        to_show: Iterable[str] = (),
+        relative_pose: tuple[float, ...] | None = None,
     ) -> Reference:
-        """Put it in force. to_show: checks that must be shown, all in one verdict, before its first OK."""
+        """Put it in force. to_show: checks that must be shown, all in one verdict, before its first OK. relative_pose:
+        as it is known under this calibration already.
+        """
         with self._lock:
             entry = Entry(
                 number=len(self._history.entries) + 1,
@@ -185,6 +193,7 @@ class References(threading.Thread):
                 difference=difference,
                 who=who,
                 to_show=tuple(to_show),
+                relative_pose=relative_pose,
             )
             self._unsized, self._missing, self._lapsed = None, entry.to_show, ""
             self._contents[candidate.sha256] = candidate.content

@@ -67,9 +67,13 @@ def test_a_near_successor_of_a_first_calibration_that_nothing_has_shown_is_to_be
             client.begin_recalibration()
             client.end_recalibration(moved(cart, tmp_path / "second.toml", 1))
         second = cart.status()["reference"]
+        with cart.client() as client:
+            client.abort_recalibration()
+        last = cart.status()["reference"]
     assert (first["number"], first["verified_utc"], second["number"]) == (1, None, 2)
     assert "offset-elevational" in first["to_show"]
-    assert second["to_show"] == first["to_show"]
+    assert second["to_show"] == last["to_show"] == first["to_show"], "nor is the first shown by going back to it"
+    assert last["origin"] == ("went back to 1" if restarted else "recalibration")
 
 
 def test_an_expired_calibration_is_to_be_renewed_not_to_be_moved(tmp_path: Path) -> None:

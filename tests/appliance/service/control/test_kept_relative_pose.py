@@ -15,6 +15,7 @@ from appliance.storage.reference_store import FOLDER, HISTORY
 from appliance.types import Calibration
 from drivers.rigid import rigid, rotation_from_vector
 from drivers.samples import Matrix4
+from tests.appliance.service.test_daemon import moved
 from tests.support.polling import until
 from tests.support.simulated_cart import SimulatedCart
 from tests.support.stand_in_daemon import TrustingLine
@@ -116,6 +117,37 @@ def test_a_cart_that_restarts_or_whose_estimator_dies_goes_on_with_it(tmp_path: 
         cart.monitoring()
     assert len(given) == 4
     assert all(np.array_equal(one, RELATIVE_POSE) for one in given[1:])
+
+
+def test_a_service_that_goes_back_to_a_calibration_goes_on_with_what_it_knew_under_it(tmp_path: Path) -> None:
+    """What slid while another one was given up is compared with that; one that a person takes is begun without."""
+    given: list[Matrix4 | None] = []
+
+    class Line(TrustingLine):
+        def __init__(
+            self, reference: Calibration, limits: Limits, stale_ns: int, relative_pose: Matrix4 | None = None
+        ) -> None:
+            super().__init__(reference, limits, stale_ns, relative_pose, lambda: "")
+            given.append(relative_pose)
+            self.relative_pose = RELATIVE_POSE if relative_pose is None else relative_pose
+
+    with SimulatedCart(tmp_path, Line) as cart:
+        cart.monitoring()
+        with cart.client() as client:
+            client.begin_recalibration()
+            client.end_recalibration(moved(cart, tmp_path / "new.toml", 1))
+            client.abort_recalibration()
+        cart.monitoring()
+        back = cart.status()["reference"]
+        cart.run(1)
+        assert [one is None for one in given] == [True, True, False]
+        with cart.client() as client:
+            client.begin_recalibration()
+            client.end_recalibration(tmp_path / "new.toml")
+        cart.monitoring()
+    assert back["origin"] == "went back to 1"
+    assert np.array_equal(np.reshape(back["relative_pose"], (4, 4)), RELATIVE_POSE)
+    assert given[-1] is None
 
 
 def test_a_body_that_moved_halts_and_holds_until_a_person_acknowledges(tmp_path: Path) -> None:
