@@ -33,7 +33,7 @@ def test_each_line_is_of_one_profile_and_a_fault_that_is_named_late_is_not_named
     assert "- `coarse`: 0 FAULTs in 3.0 min without a fault (under 60 an hour, 95 %)." in lines
     assert "- `fine`: 0 FAULTs in 2.0 min without a fault (under 90 an hour, 95 %)." in lines
     assert "| bend-axial=1.5@start | `coarse` | 1/3 (1–91 %) | 9.0 | 0/3 (0–71 %) |" in lines
-    assert "1.75° and 3 mm for `fine`" in text
+    assert "1.3° and 2.1 mm for `fine`" in text
     assert "| RMS error, of the worst axis | rotation, deg | scale, % | offset, mm | latency, ms |" in text
 
 
