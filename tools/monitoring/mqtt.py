@@ -2,11 +2,13 @@
 learns that nobody tells it any more.
 
 Nothing is subscribed to, so a broker has nothing to say but short answers; one that says more is left, and so is one
-that acknowledges nothing. A broker that vanishes is said once and tried again; the service knows nothing of it.
+that acknowledges nothing or, by MQTT 5, refuses the state. A broker that vanishes is said once and tried again; the
+service knows nothing of it.
 """
 
 import contextlib
 import json
+import math
 import socket
 import ssl
 import stat
@@ -20,14 +22,17 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
-from paho.mqtt.client import Client
-from paho.mqtt.enums import CallbackAPIVersion, MQTTErrorCode
+from paho.mqtt.client import Client, MQTTMessageInfo
+from paho.mqtt.enums import MQTTErrorCode, MQTTProtocolVersion
+from paho.mqtt.packettypes import PacketTypes
+from paho.mqtt.properties import Properties
 
 from appliance.service.control.status_fields import STATUS
 from drivers.errors import ConfigurationError, system_words
 from drivers.printable import printable
 from tools.monitoring.exposition import Status, contact_closed
 from tools.monitoring.home_assistant import discovery
+from tools.monitoring.mqtt_client import TellingClient
 
 _PORTS = {"mqtt": 1883, "mqtts": 8883}  # registered with IANA
 _KEEPALIVE_S = 10
@@ -42,24 +47,28 @@ _LOOK_S = 1.0
 """Between two looks at the service. Shorter publishes a change sooner, and takes an answer of the service each time."""
 _REPEAT_S = 15.0
 """After which the state is published again though it is the same, so that who looks on may call a silence one."""
+_EXPIRES_S = 45
+"""After which the broker forgets the state, and `online`, unless it is told again: how long both outlive a power cut of
+cart and broker, which leaves no last will. Shorter takes them from who comes later to a cart whose network is slow."""
 _ACKNOWLEDGED_S = 10.0
 """For which a broker may take to acknowledge a message, as long as for a sign of life. One that never does may have
 kept nothing; the library holds 20 of its messages and sends no more. Longer has a slow network succeed, shorter is told
 sooner. Not measured."""
 _GOODBYE_S = 2.0
 """For which the last message may take at the end."""
-_LONGEST_ANSWER = 2
-"""Bytes of a packet after its length: what CONNACK and PUBACK have, by MQTT 3.1.1; PINGRESP has none. What is longer
-was not asked for, and the library keeps it until it is whole: up to 256 MB, which is all memory of the unit."""
-_MOST_HEARD_S = 1000
-"""Bytes of answers in a second: 250 acknowledgements. A connection has some ten at its beginning and one a second then;
-more lets a broker that acknowledges without end take the processor."""
 _MOST_QUEUED = 100
 """Messages for a broker that does not take them: more is memory for what is old already."""
 _IN_THE_CLEAR = ("WRONG_VERSION_NUMBER", "UNEXPECTED_EOF_WHILE_READING")
 """Reasons of OpenSSL where the other side does not speak TLS."""
 _NO_REASON = "Unspecified error"
-"""What the library says where the other side closes, which MQTT 3.1.1 lets it do without a word."""
+"""What the library says where the other side closes without a word."""
+_TOO_OLD, _TAKEN_OVER = "Unsupported protocol version", "Session taken over"
+_AGAIN_S = 90.0
+"""Within which a second connection that is closed without a word tells of another cart of this name: two of them take
+turns, as mosquitto 2.0 closes the older. Longer blames a name for a broker that was started twice. Not measured."""
+_SILENT = "it does not answer"
+_OLDER = ", by MQTT 3.1.1, which neither refuses nor forgets a message; use a broker with MQTT 5"
+_REMEDIES = {"Quota exceeded": "; raise its limit of a message", "Not authorized": "; let this user write that topic"}
 _OTHERS = stat.S_IROTH | stat.S_IWOTH
 _LOCAL = ("localhost", "127.0.0.1", "::1")
 
@@ -157,30 +166,6 @@ def _message_of(status: Status) -> dict[str, Any]:
     }
 
 
-class _Client(Client):
-    """The library's, which leaves a broker that says more than answers. trouble: what it said; empty where nothing."""
-
-    def __init__(self, name: str) -> None:
-        super().__init__(CallbackAPIVersion.VERSION2, client_id=name, reconnect_on_failure=False)
-        self.trouble = ""
-        self._heard_s, self._heard = 0.0, 0
-
-    def _sock_recv(self, bufsize: int) -> bytes:
-        """The library asks here for as much as a packet has announced, before it has any of it. Raises OSError."""
-        if bufsize > _LONGEST_ANSWER:
-            self.trouble = f"it sends {bufsize} unsolicited bytes"
-            raise ConnectionAbortedError(self.trouble)
-        received = super()._sock_recv(bufsize)
-        now_s = time.monotonic()
-        if now_s - self._heard_s > 1.0:
-            self._heard_s, self._heard = now_s, 0
-        self._heard += len(received)
-        if self._heard > _MOST_HEARD_S:
-            self.trouble = "it sends answers without end"
-            raise ConnectionAbortedError(self.trouble)
-        return received
-
-
 class Publisher:
     """cart: its name in the topics. read: the status, None where there is none. say: for the journal. prefix: of the
     topics. discovery_prefix: of Home Assistant, empty where nobody wants it.
@@ -196,11 +181,12 @@ class Publisher:
         self._why, self._refused = "", False
         self._trouble: str | None = None
         self._said_well = False
-        self._waiting_s: deque[float] = deque()  # when each message was sent that is not acknowledged yet
-        self._answered = threading.Event()
-        self._accepted_s = 0.0
+        self._unwanted = False
+        self._waiting: deque[tuple[float, str]] = deque()  # when each message was sent that is not acknowledged yet
+        self._answered, self._unkept = threading.Event(), threading.Event()
+        self._too_old, self._closed_s = False, -math.inf
         self._name = f"probewatch-{cart}"
-        self._client = self._make_client(self._name)
+        self._client = self._make_client(MQTTProtocolVersion.MQTTv5)
 
     def run(self, stop: threading.Event) -> None:
         """Publish until stopped; then the cart is published as offline."""
@@ -218,8 +204,8 @@ class Publisher:
                 stop.wait(wait_s)
                 wait_s = min(2 * wait_s, _LONGEST_WAIT_S)
 
-    def _make_client(self, name: str) -> _Client:
-        client = _Client(name)
+    def _make_client(self, version: MQTTProtocolVersion) -> TellingClient:
+        client = TellingClient(self._name, version)
         client.will_set(self._available, "offline", qos=1, retain=True)
         client.max_queued_messages_set(_MOST_QUEUED)
         client.connect_timeout = _CONNECT_S
@@ -234,35 +220,55 @@ class Publisher:
     def _note_connect(self, _client: Client, _data: Any, _flags: Any, reason: Any, _properties: Any) -> None:
         if reason.is_failure:
             self._why, self._refused = f"it refuses this cart ({printable(str(reason))})", True
+            self._too_old = str(reason) == _TOO_OLD
             self._gone.set()
         else:
-            self._accepted_s = time.monotonic()
             self._connected.set()
 
     def _note_disconnect(self, _client: Client, _data: Any, _flags: Any, reason: Any, _properties: Any) -> None:
         if not self._gone.is_set():
             self._why = self._client.trouble or self._words_of_leaving(str(reason))
             self._refused = bool(self._client.trouble)
+            accepted = self._connected.is_set()
+            self._too_old = not accepted and (self._client.malformed or not self._client.trouble)
         self._gone.set()
 
-    def _note_acknowledged(self, _client: Client, _data: Any, _number: Any, _reason: Any, _properties: Any) -> None:
-        """MQTT has a broker acknowledge in the order of the messages."""
-        if self._waiting_s:
-            self._waiting_s.popleft()
-        self._answered.set()
+    def _note_acknowledged(self, _client: Client, _data: Any, _number: Any, reason: Any, _properties: Any) -> None:
+        """MQTT has a broker acknowledge in the order of the messages; in version 5 it says what it does not keep."""
+        topic = self._waiting.popleft()[1] if self._waiting else ""
+        if not reason.is_failure:
+            if topic == self._state:
+                self._answered.set()
+            return
+        words = printable(str(reason))
+        if topic in (self._state, self._available):
+            self._client.trouble = f"it refuses {topic} ({words}){_REMEDIES.get(words, '')}"
+            self._unkept.set()
+        elif not self._unwanted:
+            self._unwanted = True
+            self._say(f"the broker refuses {topic} ({words}){_REMEDIES.get(words, '')}; or give --discovery ''")
 
     def _connect(self) -> bool:
-        """Whether the broker has accepted this cart. A client of its own each time: what the last one could not deliver
-        is old.
-        """
-        self._client = self._make_client(self._name)
-        self._connected.clear()
-        self._gone.clear()
-        self._answered.clear()
-        self._waiting_s.clear()
-        self._why, self._refused = "it does not answer", False
+        """Whether the broker has accepted this cart, in the older version of MQTT where it knows no other."""
+        accepted = self._try(MQTTProtocolVersion.MQTTv5)
+        if accepted or not self._too_old:
+            return accepted
+        why, refused = self._why, self._refused
+        self._end_client()
+        accepted = self._try(MQTTProtocolVersion.MQTTv311)
+        if not accepted and self._why == _SILENT:
+            self._why, self._refused = why, refused
+        return accepted
+
+    def _try(self, version: MQTTProtocolVersion) -> bool:
+        """A client of its own each time: what the last one could not deliver is old."""
+        self._client = self._make_client(version)
+        for event in (self._connected, self._gone, self._answered, self._unkept):
+            event.clear()
+        self._waiting.clear()
+        self._why, self._refused, self._too_old = _SILENT, False, False
         try:
-            self._client.connect(self._broker.host, self._broker.port, _KEEPALIVE_S)
+            self._client.open(self._broker.host, self._broker.port, _KEEPALIVE_S)
         except (OSError, ValueError) as error:
             self._why = self._words_of(error)
             return False
@@ -286,62 +292,92 @@ class Publisher:
         """A port that speaks TLS breaks off before it has accepted anybody in the clear."""
         if self._broker.tls is None and not self._connected.is_set():
             return "it breaks off before it accepts this cart; is it a port for mqtts://?"
-        if reason != _NO_REASON:
-            return f"it has gone ({printable(reason)})"
-        is_short = time.monotonic() - self._accepted_s < _LONGEST_WAIT_S
-        other = f"; does another program log in there as {self._name}? Give this cart a --cart of its own"
-        return f"it has closed the connection{other * is_short}"
+        before_s, self._closed_s = self._closed_s, time.monotonic()
+        if reason == _TAKEN_OVER or (reason == _NO_REASON and self._closed_s - before_s < _AGAIN_S):
+            another = f"another program probably uses the name {self._name}; give each cart its own --cart"
+            return f"it has closed the connection, and {another}"
+        return "it has closed the connection" if reason == _NO_REASON else f"it has gone ({printable(reason)})"
 
     def _publish_until_lost(self, stop: threading.Event) -> None:
+        """The state first, and `online` when it is kept: what the broker has of before is not to be believed, and it
+        may have `online` of a connection that this one has displaced.
+        """
         if self._trouble is None:
             self._say_well()
-        self._publish(self._available, "online")
-        for topic, config in self._discovery.items():
-            self._publish(topic, json.dumps(config))
+        self._publish(self._available, "offline")
         published: dict[str, Any] | None = None
         published_s = 0.0
-        while not (stop.is_set() or self._gone.is_set()):
+        online = False
+        while not (stop.is_set() or self._gone.is_set() or self._unkept.is_set()):
             now = message(self._read())
-            if now != published or time.monotonic() - published_s >= _REPEAT_S:
+            again = time.monotonic() - published_s >= _REPEAT_S
+            if now != published or again:
                 published, published_s = now, time.monotonic()
                 self._publish_state(now)
-            if self._answered.is_set():
+            if online and again:
+                self._publish(self._available, "online", _EXPIRES_S)
+            self._wait(stop, until_answered=not online)
+            if self._answered.is_set() and not self._unkept.is_set():
                 self._say_well()
-            self._wait(stop)
-            self._leave_who_acknowledges_nothing()
+                if not online:
+                    self._publish_online()
+                    online = True
+            self._leave_who_keeps_nothing()
 
-    def _publish_state(self, now: dict[str, Any]) -> None:
+    def _publish_online(self) -> None:
+        self._publish(self._available, "online", _EXPIRES_S)
+        for topic, config in self._discovery.items():
+            self._publish(topic, json.dumps(config))
+
+    def _publish_state(self, now: dict[str, Any]) -> MQTTMessageInfo:
         utc = datetime.now(UTC).isoformat(timespec="seconds")
-        self._publish(self._state, json.dumps({**now, "utc": utc}, ensure_ascii=False))
+        return self._publish(self._state, json.dumps({**now, "utc": utc}, ensure_ascii=False), _EXPIRES_S)
 
-    def _wait(self, stop: threading.Event) -> None:
-        """Wait until the next look; the end is not kept waiting."""
+    def _wait(self, stop: threading.Event, until_answered: bool) -> None:
+        """Wait until the next look; neither the end is kept waiting, nor who waits for the first answer."""
         end_s = time.monotonic() + _LOOK_S
-        while time.monotonic() < end_s and not self._gone.is_set() and not stop.wait(0.05):
-            pass
+        while time.monotonic() < end_s and not (self._gone.is_set() or self._unkept.is_set() or stop.wait(0.05)):
+            if until_answered and self._answered.is_set():
+                return
 
-    def _leave_who_acknowledges_nothing(self) -> None:
-        """Break off without a goodbye, so that the broker publishes the last will if it is able to."""
-        waiting_s = next(iter(self._waiting_s), None)
-        if waiting_s is None or time.monotonic() - waiting_s <= _ACKNOWLEDGED_S:
+    def _leave_who_keeps_nothing(self) -> None:
+        """Break off without a goodbye, so that the broker publishes the last will if it is able to. One that refuses
+        the state may keep the short one that claims nothing, in place of the one before.
+        """
+        waiting_s = self._waiting[0][0] if self._waiting else None
+        if self._unkept.is_set():
+            self._publish_briefly(self._publish_state(message(None)))
+        elif waiting_s is not None and time.monotonic() - waiting_s > _ACKNOWLEDGED_S:
+            self._client.trouble = f"it has acknowledged nothing for {_ACKNOWLEDGED_S:g} s"
+        else:
             return
+        self._why, self._refused = self._client.trouble, True
         line = self._client.socket()
         if isinstance(line, socket.socket):
-            self._client.trouble = f"it has acknowledged nothing for {_ACKNOWLEDGED_S:g} s"
             with contextlib.suppress(OSError):
                 line.shutdown(socket.SHUT_RDWR)
             self._gone.wait(_GOODBYE_S)
 
-    def _publish(self, topic: str, payload: str) -> None:
-        self._waiting_s.append(time.monotonic())
-        self._client.publish(topic, payload, qos=1, retain=True)
+    def _publish(self, topic: str, payload: str, expires_s: int | None = None) -> MQTTMessageInfo:
+        """expires_s: after which the broker forgets it, where it knows how to; None for never."""
+        properties = None
+        if expires_s is not None and self._client.refuses:
+            properties = Properties(PacketTypes.PUBLISH)  # type: ignore[no-untyped-call]
+            properties.MessageExpiryInterval = expires_s
+        self._waiting.append((time.monotonic(), topic))
+        return self._client.publish(topic, payload, qos=1, retain=True, properties=properties)
+
+    def _publish_briefly(self, told: MQTTMessageInfo) -> None:
+        if told.rc == MQTTErrorCode.MQTT_ERR_SUCCESS:
+            told.wait_for_publish(_GOODBYE_S)
 
     def _leave(self, meant: bool) -> None:
         if meant and self._connected.is_set() and not self._gone.is_set():
             self._publish_state(message(None))
-            last = self._client.publish(self._available, "offline", qos=1, retain=True)
-            if last.rc == MQTTErrorCode.MQTT_ERR_SUCCESS:
-                last.wait_for_publish(_GOODBYE_S)
+            self._publish_briefly(self._publish(self._available, "offline"))
+        self._end_client()
+
+    def _end_client(self) -> None:
         self._client.disconnect()
         self._client.loop_stop()
 
@@ -354,5 +390,6 @@ class Publisher:
 
     def _say_well(self) -> None:
         if not self._said_well:
-            self._say(f"telling {self._state} at {self._broker.host}:{self._broker.port}")
+            older = "" if self._client.refuses else _OLDER
+            self._say(f"telling {self._state} at {self._broker.host}:{self._broker.port}{older}")
         self._trouble, self._said_well = None, True

@@ -323,7 +323,7 @@ def test_a_broker_that_closes_is_told_in_words_of_that(service: Answering, tmp_p
         def accepts_and_closes() -> None:
             link, _ = door.accept()
             link.recv(4096)
-            link.sendall(b"\x20\x02\x00\x00")  # CONNACK: accepted
+            link.sendall(b"\x20\x03\x00\x00\x00")  # CONNACK: accepted
             link.recv(4096)
             link.close()
 

@@ -17,8 +17,9 @@ from tests.support.answering import recorded
 from tests.support.polling import until
 from tools.monitoring.mqtt import Broker, Publisher, broker_of
 
-STATE = "probewatch/cart-2/state"
-CONNACK = b"\x20\x02\x00\x00"
+STATE, AVAILABLE = "probewatch/cart-2/state", "probewatch/cart-2/availability"
+CONNACK = b"\x20\x03\x00\x00\x00"
+OLD_CONNACK = b"\x20\x02\x00\x00"
 HUGE = b"\x30" + b"\xff\xff\xff\x5d"  # PUBLISH of 197 MB
 UNASKED = b"\x32\x07\x00\x01t\x00\x01hi"  # PUBLISH that must be acknowledged
 CHUNK = bytes(1 << 16)
@@ -83,7 +84,7 @@ class HostileBroker(FalseBroker):
         (CONNACK + HUGE, CHUNK, "sends 197132287 unsolicited bytes"),
         (HUGE, CHUNK, "sends 197132287 unsolicited bytes"),
         (CONNACK, UNASKED * 100, "sends 7 unsolicited bytes"),
-        (CONNACK, b"\x62\x02\x00\x01" * 1000, "sends answers without end"),
+        (CONNACK, b"\x40\x02\x00\x01" * 1000, "sends answers without end"),
     ],
     ids=["huge", "huge at once", "unasked", "answers without end"],
 )
@@ -110,11 +111,13 @@ def test_a_broker_that_says_more_than_answers_is_left_and_tried_again_ever_later
 
 
 class TakingBroker(FalseBroker):
-    """Takes what is published and answers pings; acknowledges only while it is told to. told: what came on each topic;
-    ends: how each connection ended, DISCONNECT or broken off.
+    """Takes what is published and answers pings; acknowledges only while it is told to. to_newer: what it answers who
+    speaks MQTT 5, or nothing at all; who speaks 3.1.1 is accepted. told: what came on each topic; ends: how each
+    connection ended, DISCONNECT or broken off.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, to_newer: bytes = CONNACK) -> None:
+        self._to_newer = to_newer
         self.acknowledges = False
         self.told: list[tuple[str, str]] = []
         self.ends: list[str] = []
@@ -125,6 +128,7 @@ class TakingBroker(FalseBroker):
             self.ends.append(self._end_of(link, stream))
 
     def _end_of(self, link: socket.socket, stream: BinaryIO) -> str:
+        newer = False
         while head := stream.read(1):
             length, shift = 0, 0
             while True:
@@ -138,12 +142,17 @@ class TakingBroker(FalseBroker):
             if kind == 14:
                 return "DISCONNECT"
             if kind == 1:
-                link.sendall(CONNACK)
+                newer = body[6] == 5
+                if newer and self._to_newer != CONNACK:
+                    link.sendall(self._to_newer)
+                    return "too old"
+                link.sendall(CONNACK if newer else OLD_CONNACK)
             elif kind == 12:
                 link.sendall(b"\xd0\x00")
             elif kind == 3:
                 topic_end = 2 + int.from_bytes(body[:2])
-                self.told.append((body[2:topic_end].decode(), body[topic_end + 2 :].decode()))
+                begins = topic_end + 2 + (1 + body[topic_end + 2] if newer else 0)  # after the properties
+                self.told.append((body[2:topic_end].decode(), body[begins:].decode()))
                 if self.acknowledges:
                     link.sendall(b"\x40\x02" + body[topic_end : topic_end + 2])
         return "broken off"
@@ -178,6 +187,29 @@ def test_a_broker_that_acknowledges_nothing_is_said_once_and_tried_again(monkeyp
     assert broker.ends[held:] == ["DISCONNECT"], "who acknowledges is not left"
     state = json.loads(next(text for topic, text in broker.told if topic == STATE))
     assert (state["latched"], state["acknowledged"]) == (recorded()["latched"], recorded()["acknowledged"])
+
+
+@pytest.mark.parametrize(
+    "answer", [b"\x20\x02\x00\x01", b"\x20\x03\x00\x84\x00", OLD_CONNACK, b""], ids=["old", "new", "unaware", "none"]
+)
+def test_a_broker_that_knows_no_mqtt_5_is_told_in_the_older_version(answer: bytes) -> None:
+    broker, said, stop = TakingBroker(answer), list[str](), threading.Event()
+    broker.acknowledges = True
+    publisher = Publisher(Broker("127.0.0.1", broker.port), "cart-2", recorded, said.append, "probewatch", "")
+    running = threading.Thread(target=publisher.run, args=(stop,))
+    running.start()
+    try:
+        until(lambda: len(broker.told) >= 3, 20)
+    finally:
+        stop.set()
+        running.join()
+        broker.close()
+    assert broker.told[0] == (AVAILABLE, "offline")
+    assert json.loads(broker.told[1][1])["verified"] is True
+    assert broker.told[2] == (AVAILABLE, "online")
+    assert broker.ends == ["too old", "DISCONNECT"]
+    assert len(said) == 1
+    assert said[0].endswith("by MQTT 3.1.1, which neither refuses nor forgets a message; use a broker with MQTT 5")
 
 
 def test_a_password_that_is_not_sent_is_refused(tmp_path: Path) -> None:

@@ -1,0 +1,78 @@
+"""A client of an MQTT broker that publishes and expects nothing but short answers, so that a broker can take neither
+memory nor processor: one that says more is left.
+"""
+
+import struct
+import time
+
+from paho.mqtt import MQTTException
+from paho.mqtt.client import Client
+from paho.mqtt.enums import CallbackAPIVersion, MessageType, MQTTErrorCode, MQTTProtocolVersion
+from paho.mqtt.packettypes import PacketTypes
+from paho.mqtt.properties import Properties
+
+_LONGEST_ANSWER = 1000
+"""Bytes of a packet after its length, which the broker is told. Mosquitto's are under 30; what is longer was not asked
+for, and the library keeps it until it is whole: up to 256 MB, which is all memory of the unit."""
+_MOST_HEARD_S = 1000
+"""Bytes of answers in a second: 250 acknowledgements. A connection has some ten at its beginning and one a second then;
+more lets a broker that acknowledges without end take the processor."""
+_REASONS = (0x00, 0x10, 0x80, 0x83, 0x87, 0x90, 0x91, 0x97, 0x99)
+"""Of an acknowledgement by MQTT 5 (3.4.2.1), which the library knows; it takes an answer with another for no MQTT."""
+_UNSPECIFIED, _QUOTA_EXCEEDED, _TOO_LARGE = 0x80, 0x97, 0x95
+"""The last is what mosquitto says of a message beyond its `message_size_limit`; it becomes the second."""
+_ANSWERS = (MessageType.CONNACK, MessageType.PUBACK, MessageType.PINGRESP, MessageType.DISCONNECT)
+
+
+class TellingClient(Client):
+    """The library's, which leaves a broker that says more than answers. trouble: what it said; empty where nothing.
+    malformed: whether that was an answer which is none of this version of MQTT.
+    """
+
+    def __init__(self, name: str, version: MQTTProtocolVersion) -> None:
+        super().__init__(CallbackAPIVersion.VERSION2, client_id=name, protocol=version, reconnect_on_failure=False)
+        self.trouble = ""
+        self.malformed = False
+        self.refuses = version is MQTTProtocolVersion.MQTTv5
+        self._heard_s, self._heard = 0.0, 0
+
+    def open(self, host: str, port: int, keepalive_s: int) -> None:
+        """Connect, which is not to be accepted yet. Raises OSError and ValueError."""
+        properties = None
+        if self.refuses:
+            properties = Properties(PacketTypes.CONNECT)  # type: ignore[no-untyped-call]
+            properties.MaximumPacketSize = _LONGEST_ANSWER
+            properties.RequestProblemInformation = 0
+        self.connect(host, port, keepalive_s, properties=properties)
+
+    def _sock_recv(self, bufsize: int) -> bytes:
+        """The library asks here for as much as a packet has announced, before it has any of it. Raises OSError."""
+        if bufsize > _LONGEST_ANSWER:
+            self._complain(bufsize)
+            raise ConnectionAbortedError(self.trouble)
+        received = super()._sock_recv(bufsize)
+        now_s = time.monotonic()
+        if now_s - self._heard_s > 1.0:
+            self._heard_s, self._heard = now_s, 0
+        self._heard += len(received)
+        if self._heard > _MOST_HEARD_S:
+            self.trouble = "it sends answers without end"
+            raise ConnectionAbortedError(self.trouble)
+        return received
+
+    def _packet_handle(self) -> MQTTErrorCode:
+        """The library calls this with each packet that is whole; an exception would end its thread unseen."""
+        command, packet = self._in_packet["command"] & 0xF0, self._in_packet["packet"]
+        if command not in _ANSWERS:
+            self._complain(len(packet))
+            return MQTTErrorCode.MQTT_ERR_PROTOCOL
+        if command == MessageType.PUBACK and len(packet) > 2 and packet[2] not in _REASONS:
+            packet[2] = _QUOTA_EXCEEDED if packet[2] == _TOO_LARGE else _UNSPECIFIED
+        try:
+            return super()._packet_handle()
+        except (MQTTException, ValueError, LookupError, TypeError, struct.error):
+            self.trouble, self.malformed = "it answers in another protocol", True
+            return MQTTErrorCode.MQTT_ERR_PROTOCOL
+
+    def _complain(self, bytes_: int) -> None:
+        self.trouble = f"it sends {bytes_} unsolicited bytes"
