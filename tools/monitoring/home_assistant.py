@@ -54,14 +54,17 @@ _ENTITIES: dict[str, tuple[str, dict[str, Any]]] = {
 
 
 def discovery(cart: str, state: str, available: str, prefix: str) -> dict[str, dict[str, Any]]:
-    """Topic → configuration. state, available: topics of the cart. prefix: of Home Assistant's own topics."""
-    device = {"identifiers": [f"probewatch_{cart}"], "name": f"probewatch {cart}", "manufacturer": "probewatch"}
+    """Topic → configuration. state, available: topics of the cart, whose name may have several levels; those of Home
+    Assistant take a name of one. prefix: of Home Assistant's own topics.
+    """
+    node = cart.replace("/", "__")
+    device = {"identifiers": [f"probewatch_{node}"], "name": f"probewatch {cart}", "manufacturer": "probewatch"}
     common = {"state_topic": state, "availability_topic": available, "expire_after": _EXPIRE_S, "device": device}
     return {
-        f"{prefix}/{kind}/probewatch_{cart}/{name}/config": {
+        f"{prefix}/{kind}/probewatch_{node}/{name}/config": {
             **common,
             **entity,
-            "unique_id": f"probewatch_{cart}_{name}",
+            "unique_id": f"probewatch_{node}_{name}",
         }
         for name, (kind, entity) in _ENTITIES.items()
     }

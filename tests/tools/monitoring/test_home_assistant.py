@@ -1,5 +1,7 @@
 """What Home Assistant makes of the messages by its templates, which are Jinja's."""
 
+import re
+
 import pytest
 from jinja2 import Environment
 
@@ -44,3 +46,11 @@ def test_a_text_of_many_notices_is_shown_as_far_as_a_state_goes() -> None:
 )
 def test_what_is_shown_of_a_cart(status: dict[str, object] | None, states: dict[str, str]) -> None:
     assert shown(status) | states == shown(status)
+
+
+def test_a_cart_whose_name_has_levels_is_found_all_the_same() -> None:
+    """Home Assistant hears PREFIX/KIND/NODE/NAME/config alone, and a node is letters, digits, - and _."""
+    entities = discovery("ward/cart-2", "probewatch/ward/cart-2/state", "availability", "homeassistant")
+    assert all(re.fullmatch(r"homeassistant/\w+/probewatch_[\w-]+/\w+/config", topic) for topic in entities)
+    assert {one["state_topic"] for one in entities.values()} == {"probewatch/ward/cart-2/state"}
+    assert next(iter(discovery("cart-2", "s", "a", "ha"))) == "ha/binary_sensor/probewatch_cart-2/verified/config"
