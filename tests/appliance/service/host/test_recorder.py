@@ -174,6 +174,44 @@ def test_a_log_that_cannot_be_read_keeps_the_service_waiting_for_a_moment_only(
     assert [entry.event for entry in AlarmLog(tmp_path / "log").opened.entries][-2:] == ["state", "started"]
 
 
+def test_a_long_log_that_is_whole_takes_its_time_and_is_no_damage(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """38,001 entries took more than two seconds on a busy computer: what was latched was not read."""
+    log = AlarmLog(tmp_path / "log")
+    for _ in range(20):
+        log.append(datetime(2026, 1, 1, tzinfo=UTC), 0, "state", {"text": "x" * 10_000}, HALT)
+    monkeypatch.setattr(room, "OPEN_S", 0.1)
+    monkeypatch.setattr(room, "AlarmLog", lambda folder: time.sleep(0.3) or AlarmLog(folder))
+    recorder = Recorder(tmp_path / "log", HostClock())
+    assert (recorder.latch, recorder.damage, recorder.written) == (HALT, (), 21)
+    recorder.close()
+    monkeypatch.setattr(room, "_LONGEST_OPEN_S", 0.1)
+    late = Recorder(tmp_path / "log", HostClock())
+    assert (late.latch, late.damage) == (None, ("memory-damaged",)), "the alarm is not held up for ever"
+    until(lambda: late.written)
+    late.close()
+
+
+def test_a_disk_that_dies_while_a_long_log_is_read_is_not_waited_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    AlarmLog(tmp_path / "log").append(datetime(2026, 1, 1, tzinfo=UTC), 0, "state", {}, HALT)
+    (segment,) = (tmp_path / "log").glob("alarms-*")
+    kept = segment.rename(tmp_path / "kept")
+    os.mkfifo(segment)
+    monkeypatch.setattr(room, "OPEN_S", 0.2)
+    monkeypatch.setattr(room, "segments", lambda _folder: [kept] * 1000 + [segment])
+    monkeypatch.setattr(room, "_VERIFIED_S", 1)  # had it answered
+    watch = Stopwatch()
+    recorder = Recorder(tmp_path / "log", HostClock())
+    assert (recorder.latch, recorder.damage) == (None, ("memory-damaged",))
+    assert watch.spent_s() < 5
+    with segment.open("wb"):
+        pass
+    recorder.close()
+
+
 def test_when_too_many_wait_the_newest_is_kept_and_the_log_says_how_many_are_missing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
