@@ -1,5 +1,6 @@
 """A lock that keeps a second process of ours out of a place, for as long as the first one lives."""
 
+import errno
 import fcntl
 import os
 from contextlib import suppress
@@ -7,13 +8,34 @@ from pathlib import Path
 
 _OWNER = 0o600
 """Who may open the file may hold it, for reading too."""
+_TRIES = 10
+"""How often a file that is taken away while it is being locked is made again. More insists longer against somebody who
+takes it away in a loop."""
 
 
 def held_lock(file: Path) -> int:
     """Descriptor of the file, made where it is missing, and locked until it is closed; none but its owner may open it.
+    A file that somebody takes away keeps nobody out: who holds it looks by is_held().
 
     Raises BlockingIOError where another process holds it, another OSError where it cannot be made.
     """
+    for _ in range(_TRIES):
+        descriptor = _locked(file)
+        if is_held(file, descriptor):
+            return descriptor
+        os.close(descriptor)
+    raise OSError(errno.ESTALE, os.strerror(errno.ESTALE), str(file))
+
+
+def is_held(file: Path, descriptor: int) -> bool:
+    """Whether the next one to ask for this file finds the lock of this descriptor. Raises OSError."""
+    try:
+        return os.path.samestat(file.stat(), os.fstat(descriptor))
+    except FileNotFoundError:
+        return False
+
+
+def _locked(file: Path) -> int:
     descriptor = os.open(file, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, _OWNER)
     try:
         with suppress(OSError):

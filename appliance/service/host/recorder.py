@@ -22,7 +22,7 @@ from appliance.types import Fault, Kind
 from drivers.clock.host_clock import HostClock
 from drivers.errors import DeviceLost
 from drivers.files.atomic_file import make_folder
-from drivers.files.lock import held_lock
+from drivers.files.lock import held_lock, is_held
 from drivers.printable import printable_value
 
 LOCK = ".lock"
@@ -207,6 +207,7 @@ class Recorder(threading.Thread):
                 self._wake.clear()
             self._write_waiting()
             self._look_at_room()
+            self._look_at_lock()
 
     def _write_waiting(self) -> None:
         try:
@@ -241,6 +242,21 @@ class Recorder(threading.Thread):
             self.free_bytes = None
         else:
             self.free_bytes = disk.f_bavail * disk.f_frsize
+
+    def _look_at_lock(self) -> None:
+        """Lock it anew where somebody has taken the file away, which would let a second service in."""
+        held, file = self._lock_fd, self._folder / LOCK
+        with suppress(OSError), self._asking():
+            if held is None or self._alarm_log is None or is_held(file, held):
+                return
+            try:
+                self._lock_fd = held_lock(file)
+            except BlockingIOError:
+                self._lock_fd = None  # it is not ours any more; the log shows what both have written
+                self._log.error("another probewatch service writes here as well", file=str(file))
+            else:
+                self._log.warning("the file that keeps a second service out was taken away", file=str(file))
+            os.close(held)
 
     def _append(self, alarm_log: AlarmLog, note: _Note) -> None:
         alarm_log.damage = self.damage

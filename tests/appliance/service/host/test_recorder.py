@@ -193,6 +193,27 @@ def test_a_long_log_that_is_whole_takes_its_time_and_is_no_damage(
     late.close()
 
 
+def test_a_lock_whose_file_was_deleted_keeps_a_second_service_out_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, said: list[dict[str, object]]
+) -> None:
+    monkeypatch.setattr(room, "_LOOK_S", 0.02)
+    first = Recorder(tmp_path / "log", HostClock())
+    file = tmp_path / "log" / room.LOCK
+    file.unlink()
+    until(file.exists)
+    until(lambda: [line for line in said if "was taken away" in str(line["event"])])
+    with pytest.raises(DeviceLost, match="another probewatch service"):
+        Recorder(tmp_path / "log", HostClock())
+    stolen = room.held_lock(tmp_path / "other")  # by another service, sooner than this one looks
+    (tmp_path / "other").rename(file)
+    until(lambda: [line for line in said if line["event"] == "another probewatch service writes here as well"])
+    time.sleep(0.2)
+    assert (first.failure, first.damage) == (None, ()), "it goes on"
+    assert [line["event"] for line in said].count("another probewatch service writes here as well") == 1
+    first.close()
+    os.close(stolen)
+
+
 def test_a_disk_that_dies_while_a_long_log_is_read_is_not_waited_for(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
