@@ -27,6 +27,7 @@ from drivers.rigid import pose_matrix
 from drivers.samples import GreyImage, Matrix4, PoseStatus
 from drivers.trackers.plus_transform import GOOD, WITHOUT_POSE, TransformReading, rigid_reading, without_matrix
 from drivers.video.crop import FLIPS
+from drivers.video.no_film import why_no_film
 
 _MOST_PICTURES = 1_000_000
 """Pictures of a film: nine hours at 30 Hz, whose times are all kept. A damaged film may have no end."""
@@ -130,9 +131,9 @@ class Film:
         os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # no lines of its own between those of the command
         cv2.utils.logging.setLogLevel(0)
         film = cv2.VideoCapture(place, cv2.CAP_FFMPEG)
-        if not film.isOpened():
-            remedy = "Copy it again where it is cut, else convert it to MP4 or MKV"
-            raise RecordingError("cannot be decoded as a film", str(self.path), remedy)
+        remedy = "Copy it again where it is cut, else convert it to MP4 or MKV"
+        if refused := why_no_film(film, "cannot be decoded as a film", remedy):
+            raise RecordingError(refused[0], str(self.path), refused[1])
         return film
 
     def _looked_through(self) -> tuple[list[int], tuple[int, int], int]:

@@ -25,6 +25,7 @@ from drivers.errors import DeviceLost
 from drivers.samples import Frame, GreyImage, Stamp
 from drivers.video import OPENCV
 from drivers.video.crop import Cut, cut_from
+from drivers.video.no_film import why_no_film
 
 _OPEN_MS, _READ_MS = 5000, 2000
 """Given to FFmpeg for a stream. A camera that does not answer holds the thread that long before the next attempt; less
@@ -62,8 +63,8 @@ def open_video(target: str, options: dict[str, str], clock: HostClock) -> "OpenC
     # OpenCV writes its guesses about a source that it cannot read to stderr, between the lines of the log.
     cv2.utils.logging.setLogLevel(0)
     capture = _open(source, is_stream)
-    if not capture.isOpened():
-        raise DeviceLost("OpenCV cannot read it", where, _CHECK)
+    if refused := why_no_film(capture, "OpenCV cannot read it", _CHECK):
+        raise DeviceLost(refused[0], where, refused[1])
     width, height = (round(capture.get(side)) for side in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
     if width * height > _MOST_PX:
         capture.release()

@@ -36,6 +36,12 @@ def rows(count: int = 20):
         yield {"t_s": 0.01 + index / 50, "sequence": 7 + index, "status": "ok" if index != 3 else "not seen", **cells}
 
 
+def test_a_text_is_no_film_of_its_lines(tmp_path: Path) -> None:
+    (tmp_path / "scan.txt").write_text("0.1;0.2;0.3\n" * 1000)
+    with pytest.raises(RecordingError, match="is text, which would be drawn as pictures"):
+        Film(tmp_path / "scan.txt")
+
+
 def test_pictures_and_poses_come_in_order_of_time(tmp_path: Path) -> None:
     table = tmp_path / "poses.csv"
     write_poses(table, rows())

@@ -54,6 +54,21 @@ def test_a_codec_that_cannot_be_decoded_is_no_end_of_the_film() -> None:
     assert (len(frames), end.what) == (0, "no picture of it can be decoded")
 
 
+@pytest.mark.parametrize("name", ["notes.txt", "notes.nfo"])
+def test_a_text_is_not_played_as_a_film_of_its_lines(tmp_path: Path, name: str) -> None:
+    """FFmpeg draws it, at 25 Hz and 640 x 400 pixels."""
+    (tmp_path / name).write_text("0.1;0.2;0.3\n" * 1000)
+    with pytest.raises(DeviceLost, match=r"is text, which would be drawn as pictures\. Give the film itself"):
+        open_video(f"opencv:{tmp_path / name}", HostClock())
+
+
+def test_a_film_that_is_called_a_text_plays(tmp_path: Path, film: Path) -> None:
+    (tmp_path / "film.txt").write_bytes(film.read_bytes())
+    with open_video(f"opencv:{tmp_path / 'film.txt'}", HostClock()) as source:
+        frame = source.read(2.0)
+    assert frame is not None
+
+
 def test_a_file_plays_at_its_own_rate_and_is_lost_at_its_end(film: Path) -> None:
     clock = HostClock()
     with open_video(f"opencv:{film}", clock) as source:
