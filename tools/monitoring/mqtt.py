@@ -307,26 +307,23 @@ class Publisher:
         self._publish(self._available, "offline")
         published: dict[str, Any] | None = None
         published_s = 0.0
-        online = False
+        online_s = -math.inf
         while not (stop.is_set() or self._gone.is_set() or self._unkept.is_set()):
             now = message(self._read())
-            again = time.monotonic() - published_s >= _REPEAT_S
-            if now != published or again:
+            if now != published or time.monotonic() - published_s >= _REPEAT_S:
                 published, published_s = now, time.monotonic()
                 self._publish_state(now)
-            if online and again:
-                self._publish(self._available, "online", _EXPIRES_S)
-            self._wait(stop, until_answered=not online)
+            self._wait(stop, until_answered=math.isinf(online_s))
             if self._answered.is_set() and not self._unkept.is_set():
                 self._say_well()
-                if not online:
-                    self._publish_online()
-                    online = True
+                if time.monotonic() - online_s >= _REPEAT_S:
+                    self._publish_online(first=math.isinf(online_s))
+                    online_s = time.monotonic()
             self._leave_who_keeps_nothing()
 
-    def _publish_online(self) -> None:
+    def _publish_online(self, first: bool) -> None:
         self._publish(self._available, "online", _EXPIRES_S)
-        for topic, config in self._discovery.items():
+        for topic, config in self._discovery.items() if first else ():
             self._publish(topic, json.dumps(config))
 
     def _publish_state(self, now: dict[str, Any]) -> MQTTMessageInfo:

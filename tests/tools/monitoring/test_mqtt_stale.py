@@ -5,6 +5,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -117,14 +118,15 @@ def test_a_power_cut_of_cart_and_broker_leaves_nothing_that_outlives_its_time(
     monkeypatch.setattr("tools.monitoring.mqtt._REPEAT_S", 1.0)
     (tmp_path / "db").mkdir()
     kept = ("allow_anonymous true", "persistence true", f"persistence_location {tmp_path}/db/", "autosave_interval 1")
-    broker = Mosquitto(tmp_path, *kept)
+    broker, number = Mosquitto(tmp_path, *kept), count()
+    monkeypatch.setattr("tools.monitoring.mqtt._LOOK_S", 0.2)
     try:
-        with publishing(broker.port, recorded, "homeassistant"):
+        with publishing(broker.port, lambda: recorded(text=str(next(number))), "homeassistant"):
             with Reader(broker.port) as reader:
                 until(lambda: len(reader.seen) >= 9, 20)
             time.sleep(6)
             with Reader(broker.port) as reader:
-                until(lambda: {STATE, AVAILABLE} <= reader.retained, 10)  # repeated, it stays
+                until(lambda: {STATE, AVAILABLE} <= reader.retained, 10)  # it stays, however often the state changes
             broker.end()
         time.sleep(5)
         broker.start()
