@@ -207,7 +207,7 @@ and errors of the tracker that are alike everywhere ([trackers.md](trackers.md))
 | tracker | profile |
 |---|---|
 | optical, 0.1 mm of noise, rigid tissue or phantom | `coarse`, `clinical`; `fine` by a gesture of 10 s |
-| the same, 0.25 mm | `coarse`; `clinical` not after every gesture |
+| the same, 0.25 mm | `coarse`, `clinical` |
 | optical, tissue that gives way as a patient's | `coarse`; see below before relying on `clinical` |
 | electromagnetic | not tried; one that errs by place is rarely verified by `coarse` ([16](known-anomalies.md)) |
 | any other | `fine`: none |"""
