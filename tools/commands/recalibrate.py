@@ -376,7 +376,7 @@ def _language(socket: Path | None) -> str:
 def _hand_over(client: ControlClient, target: Path, yes: bool, language: str) -> None:
     """Gives the new calibration to the service. Raises ControlRefused, with the command to do so later."""
     try:
-        client.end_recalibration(target, accepted(client.propose_calibration(target), yes, language))
+        client.end_recalibration(target, *accepted(client.propose_calibration(target), yes, language))
     except ControlRefused as error:
         remedy = f"{error.remedy or 'See its status'}; later: probewatch calibration use {target}"
         raise ControlRefused(error.what, error.where, remedy) from None

@@ -104,7 +104,7 @@ class HeldService:
             proposal = client.propose_calibration(file)
             if proposal["confirm"] and confirm != proposal["text"]:
                 raise Asked(str(proposal["text"]))
-            client.end_recalibration(file, str(proposal["text"]))
+            client.end_recalibration(file, str(proposal["text"]), str(proposal["sha256"]))
             return proposal
 
         proposal = self._ask(given)

@@ -28,15 +28,15 @@ _LOOK_EVERY_S = 0.25
 """Between two looks at the status: a progress bar that seems alive, and five ticks of the service."""
 
 
-def accepted(proposal: dict[str, Any], yes: bool, language: str) -> str:
-    """Returns the difference as text, which the service requires back, once a person has accepted it where that is
-    required. Raises ControlRefused.
+def accepted(proposal: dict[str, Any], yes: bool, language: str) -> tuple[str, str]:
+    """Returns (the difference as text, SHA-256 of what was compared), which the service requires back, once a person
+    has accepted it where that is required. Raises ControlRefused.
     """
     text = str(proposal["text"])
     click.echo(told("against the reference in force: {text}", language, text=recognised(text, language)))
     if proposal["confirm"]:
         ask(told("Accept that? Nothing of it is verified then.", language), yes, language)
-    return text
+    return text, str(proposal["sha256"])
 
 
 def ask(question: str, yes: bool, language: str) -> None:

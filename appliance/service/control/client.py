@@ -80,11 +80,13 @@ class ControlClient(Closable):
         """
         self._ask(do="begin-recalibration", **({} if hold_s is None else {"hold_s": hold_s}))
 
-    def end_recalibration(self, wanted: Path | int, confirm: str = "") -> None:
+    def end_recalibration(self, wanted: Path | int, confirm: str = "", sha256: str = "") -> None:
         """Take a file, or an earlier reference by its number, as the reference; monitoring resumes once the line has
-        confirmed it. confirm: the difference as the proposal states it in words, where it must be confirmed.
+        confirmed it. confirm: the difference as the proposal states it in words, where it must be confirmed. sha256:
+        of the proposal, so that no other file is taken.
         """
-        self._ask(do="end-recalibration", confirm=confirm, **_wanted(wanted))
+        proposed = {"sha256": sha256} if sha256 else {}
+        self._ask(do="end-recalibration", confirm=confirm, **proposed, **_wanted(wanted))
 
     def abort_recalibration(self) -> None:
         """Back to the reference in force before."""

@@ -30,12 +30,14 @@ _COMPARED = (
 @dataclass(frozen=True, slots=True)
 class Wanted:
     """What a person wants as the reference: a file, or the number of an earlier one. confirm: the difference from the
-    one in force, as the proposal states it; empty where he did not say that he accepts it. who: asks.
+    one in force, as the proposal states it; empty where he did not say that he accepts it. sha256: of the file that was
+    proposed, empty for whatever it holds now. who: asks.
     """
 
     file: Path | None = None
     number: int | None = None
     confirm: str = ""
+    sha256: str = ""
     who: str = ""
 
     @property
@@ -83,6 +85,10 @@ class Recalibration:
         if refusal:
             raise ControlRefused(refusal)
         candidate = self._candidate(wanted)
+        if wanted.sha256 and wanted.sha256 != candidate.sha256:
+            raise ControlRefused(
+                "is not the file that was proposed", candidate.file, "Compare it anew, and accept that"
+            )
         change = self._change(candidate)
         if change is not None and self._must_confirm(wanted, change) and wanted.confirm != change.text:
             what = f"differs from the reference in force: {change.text}"

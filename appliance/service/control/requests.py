@@ -30,7 +30,7 @@ _FIELDS: Mapping[str, tuple[str, ...]] = {
     "pause-audio": ("seconds",),
     "propose-calibration": _CALIBRATION,
     "begin-recalibration": ("hold_s",),
-    "end-recalibration": _CALIBRATION,
+    "end-recalibration": (*_CALIBRATION, "sha256"),
 }
 """What each request reads; `reason`, which is kept in the alarm log, may stand in every one."""
 
@@ -191,12 +191,15 @@ def _wanted(body: Body, who: str) -> Wanted:
     confirm = body.get("confirm", "")
     if not isinstance(confirm, str):
         raise ControlRefused("confirm must repeat the difference that is accepted")
+    sha256 = body.get("sha256", "")
+    if not isinstance(sha256, str):
+        raise ControlRefused("sha256 must repeat that of the proposal")
     if "number" in body:
         number = body["number"]
         if not isinstance(number, int) or isinstance(number, bool) or "file" in body:
             raise ControlRefused("number must be that of an earlier reference, and no file beside it")
-        return Wanted(number=number, confirm=confirm, who=who)
+        return Wanted(number=number, confirm=confirm, sha256=sha256, who=who)
     file = body.get("file")
     if not isinstance(file, str) or not file or not file.isprintable():
         raise ControlRefused("file must name a calibration file")
-    return Wanted(file=Path(file), confirm=confirm, who=who)
+    return Wanted(file=Path(file), confirm=confirm, sha256=sha256, who=who)

@@ -43,6 +43,23 @@ def test_a_far_calibration_is_not_taken_before_its_difference_is_repeated(
         assert client.status()["reference"]["number"] == 2
 
 
+def test_a_file_that_was_exchanged_after_its_proposal_is_not_taken(monitoring: SimulatedCart, tmp_path: Path) -> None:
+    """Two files may differ from the reference in the same words, such as by 8 degrees about other axes."""
+    proposed = moved(monitoring, tmp_path / "proposed.toml", 30)
+    with monitoring.client() as client:
+        proposal = client.propose_calibration(proposed)
+        with proposed.open("a") as file:
+            file.write("# another\n")
+        assert client.propose_calibration(proposed)["text"] == proposal["text"]
+        client.begin_recalibration()
+        with pytest.raises(ControlRefused, match="is not the file that was proposed"):
+            client.end_recalibration(proposed, proposal["text"], proposal["sha256"])
+        assert client.status()["reference"]["number"] == 1
+        assert client.status()["state"] == "recalibrating"
+        client.end_recalibration(proposed, proposal["text"], client.propose_calibration(proposed)["sha256"])
+        assert client.status()["reference"]["number"] == 2
+
+
 def test_a_new_calibration_that_a_lost_device_keeps_from_its_proof_is_gone_back_from(
     monitoring: SimulatedCart, tmp_path: Path
 ) -> None:

@@ -25,7 +25,7 @@ __all__ = ["log"]
 
 SIZE_PX = (320, 240)
 START_NS = 7_000_000_000
-PROPOSAL = {"text": "hardly", "confirm": False}
+PROPOSAL = {"text": "hardly", "confirm": False, "sha256": "new"}
 PERIOD_NS = 1_000_000_000 // 30
 TRUE_OFFSET_MM = np.array([11.0, 62.0, 14.0])
 

@@ -47,7 +47,7 @@ class _Unverified(Answers):
         self._said = said or status()
 
     def _answer(self, do: str, request: dict[str, Any], who: Peer) -> dict[str, Any]:
-        proposal = {"text": "nothing", "confirm": False}
+        proposal = {"text": "nothing", "confirm": False, "sha256": "new"}
         return {"status": {"status": self._said}, "propose-calibration": {"proposal": proposal}}.get(do, {})
 
 
@@ -98,7 +98,7 @@ class _Declining(Answers):
     def _answer(self, do: str, request: dict[str, Any], who: Peer) -> dict[str, Any]:
         if do == "end-recalibration":
             raise ControlRefused("the disk is full")
-        proposal = {"text": "nothing", "confirm": False}
+        proposal = {"text": "nothing", "confirm": False, "sha256": "new"}
         told = {"status": {"status": status(reference=self._reference)}, "propose-calibration": {"proposal": proposal}}
         return told.get(do, {})
 
