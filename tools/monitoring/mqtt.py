@@ -63,9 +63,6 @@ _IN_THE_CLEAR = ("WRONG_VERSION_NUMBER", "UNEXPECTED_EOF_WHILE_READING")
 _NO_REASON = "Unspecified error"
 """What the library says where the other side closes without a word."""
 _TOO_OLD, _TAKEN_OVER = "Unsupported protocol version", "Session taken over"
-_AGAIN_S = 90.0
-"""Within which a second connection that is closed without a word tells of another cart of this name: two of them take
-turns, as mosquitto 2.0 closes the older. Longer blames a name for a broker that was started twice. Not measured."""
 _SILENT = "it does not answer"
 _OLDER = ", by MQTT 3.1.1, which neither refuses nor forgets a message; use a broker with MQTT 5"
 _REMEDIES = {"Quota exceeded": "; raise its limit of a message", "Not authorized": "; let this user write that topic"}
@@ -184,7 +181,7 @@ class Publisher:
         self._unwanted = False
         self._waiting: deque[tuple[float, str]] = deque()  # when each message was sent that is not acknowledged yet
         self._answered, self._unkept = threading.Event(), threading.Event()
-        self._too_old, self._closed_s = False, -math.inf
+        self._too_old, self._accepted_s = False, 0.0
         self._name = f"probewatch-{cart}"
         self._client = self._make_client(MQTTProtocolVersion.MQTTv5)
 
@@ -223,6 +220,7 @@ class Publisher:
             self._too_old = str(reason) == _TOO_OLD
             self._gone.set()
         else:
+            self._accepted_s = time.monotonic()
             self._connected.set()
 
     def _note_disconnect(self, _client: Client, _data: Any, _flags: Any, reason: Any, _properties: Any) -> None:
@@ -292,11 +290,11 @@ class Publisher:
         """A port that speaks TLS breaks off before it has accepted anybody in the clear."""
         if self._broker.tls is None and not self._connected.is_set():
             return "it breaks off before it accepts this cart; is it a port for mqtts://?"
-        before_s, self._closed_s = self._closed_s, time.monotonic()
-        if reason == _TAKEN_OVER or (reason == _NO_REASON and self._closed_s - before_s < _AGAIN_S):
-            another = f"another program probably uses the name {self._name}; give each cart its own --cart"
-            return f"it has closed the connection, and {another}"
-        return "it has closed the connection" if reason == _NO_REASON else f"it has gone ({printable(reason)})"
+        if reason not in (_NO_REASON, _TAKEN_OVER):
+            return f"it has gone ({printable(reason)})"
+        is_short = reason == _TAKEN_OVER or time.monotonic() - self._accepted_s < _LONGEST_WAIT_S
+        other = f"; does another program log in there as {self._name}? Give this cart a --cart of its own"
+        return f"it has closed the connection{other * is_short}"
 
     def _publish_until_lost(self, stop: threading.Event) -> None:
         """The state first, and `online` when it is kept: what the broker has of before is not to be believed, and it

@@ -337,4 +337,5 @@ def test_a_broker_that_closes_is_told_in_words_of_that(service: Answering, tmp_p
         stop.set()
         running.join(20)
         closing.join(20)
-    assert said[1].endswith(": it has closed the connection; trying again")
+    assert ": it has closed the connection; does another program log in there as probewatch-c?" in said[1]
+    assert said[1].endswith("Give this cart a --cart of its own; trying again")

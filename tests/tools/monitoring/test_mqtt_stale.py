@@ -84,7 +84,7 @@ def test_a_broker_that_refuses_what_is_for_home_assistant_is_told_the_state(tmp_
 
 def test_who_comes_back_is_not_online_before_its_state_is_told(tmp_path: Path) -> None:
     broker = Mosquitto(tmp_path, "allow_anonymous true")
-    slow, seen = threading.Event(), []
+    slow, seen = threading.Event(), [("online", True)]
 
     def read() -> dict[str, Any] | None:
         if not slow.is_set():
@@ -100,12 +100,11 @@ def test_who_comes_back_is_not_online_before_its_state_is_told(tmp_path: Path) -
             end_s = time.monotonic() + 8
             while time.monotonic() < end_s:
                 told = (reader.seen[AVAILABLE], reader.state()["verified"])
-                if not seen or seen[-1] != told:
+                if seen[-1] != told:
                     seen.append(told)
                 time.sleep(0.02)
     finally:
         broker.end()
-    assert seen[0] == ("online", True)
     assert ("online", True) not in seen[1:], seen
     assert seen[-1] == ("online", False)
 
@@ -144,8 +143,8 @@ def test_two_carts_of_one_name_are_named(tmp_path: Path) -> None:
         with publishing(broker.port, recorded) as (_, said):
             until(lambda: said, 20)
             with publishing(broker.port, recorded):
-                until(lambda: len(said) > 3, 20)
+                until(lambda: len(said) > 1, 20)
     finally:
         broker.end()
-    words = "another program probably uses the name probewatch-cart-2; give each cart its own --cart; trying again"
-    assert said[3] == f"no broker at 127.0.0.1:{broker.port}: it has closed the connection, and {words}"
+    words = "does another program log in there as probewatch-cart-2? Give this cart a --cart of its own; trying again"
+    assert said[1] == f"no broker at 127.0.0.1:{broker.port}: it has closed the connection; {words}"
