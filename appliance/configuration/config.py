@@ -383,7 +383,8 @@ def configuration_text(path: Path) -> str:
         return text_of(read_bounded(path, _MOST_BYTES))
     except OSError as error:
         what = f"cannot be read ({error.strerror})"
-        remedy = "Name the file in it" if path.is_dir() else "Check the path's permissions"
+        is_folder = isinstance(error, IsADirectoryError)
+        remedy = "Name the file in it" if is_folder else "Check the path's permissions"
         if isinstance(error, FileNotFoundError):
             remedy = f"Correct its name, or write it: probewatch configure {path}"
         raise ConfigurationError(what, str(path), remedy) from None

@@ -168,7 +168,8 @@ def _refusal(path: Path, key: str, what: str, remedy: str) -> RecordingError:
 
 def unreadable(path: Path, error: OSError) -> RecordingError:
     where = str(error.filename or path)
-    remedy = "Name a recording in it" if Path(where).is_dir() else "Check the name and the permissions"
+    is_folder = isinstance(error, IsADirectoryError)
+    remedy = "Name a recording in it" if is_folder else "Check the name and the permissions"
     return RecordingError(f"cannot be read: {error.strerror}", where, remedy)
 
 
