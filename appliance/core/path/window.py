@@ -31,21 +31,36 @@ _MOST_NEW = 1000
 _NEIGHBOURS = 3.5
 """Times from one pose to the next, as far as the next but one may be for a slope: in a gap of more than one lost pose a
 straight line is as good. Not varied."""
+_HURRIES = np.array([10_000.0] * 3 + [50.0] * 4)
+"""mm/s² of each axis, and of a quaternion, half of 100 rad/s². A greater acceleration is no hand's, but an outlier or a
+slip, which a curve would spread to the readings beside it: of one pose that was off a lag of −329 ms was made. The
+press of the gesture has 280 mm/s², noise of .1 mm at 60 Hz three times that. Not varied.
+"""
 _NO_TRACK = np.zeros(0, dtype=np.int64), np.zeros((0, 3)), np.zeros((0, 4))
 """Times, positions, turns."""
 
 
-def _cubic(times_s: Array, after: NDArray[np.intp], share: Array) -> Array:
+def _steady(times_s: Array, places: Array) -> NDArray[np.bool_]:
+    """(n,) whether a hand may have made the way from the pose before (n, 7) to the one after; not at the ends."""
+    steady = np.zeros(times_s.size, dtype=bool)
+    apart_s = np.diff(times_s)
+    speeds = np.diff(places, axis=0) / apart_s[:, None]
+    gained = np.abs(np.diff(speeds, axis=0)) / np.minimum(apart_s[1:], apart_s[:-1])[:, None]
+    steady[1:-1] = (gained < _HURRIES).all(axis=1)
+    return steady
+
+
+def _cubic(times_s: Array, steady: NDArray[np.bool_], after: NDArray[np.intp], share: Array) -> Array:
     """(4, …) weights of the poses after − 2 to after + 1 for a share of the way from after − 1 to after. The slope at a
-    pose is that between its neighbours; where there is none near, that of the straight line.
+    pose is that between its neighbours; where there is none near, or no steady way, that of the straight line.
     """
     length = np.take(times_s, after) - np.take(times_s, after - 1)
     rise, fall = share * (1 - share) ** 2, share**2 * (1 - share)
     before_s = np.take(times_s, after) - np.take(times_s, np.maximum(after - 2, 0))
     beyond_s = np.take(times_s, np.minimum(after + 1, times_s.size - 1)) - np.take(times_s, after - 1)
     near = _NEIGHBOURS * length
-    early = np.where((after > 1) & (before_s < near), rise * length / before_s, 0.0)
-    late = np.where((after < times_s.size - 1) & (beyond_s < near), fall * length / beyond_s, 0.0)
+    early = np.where(np.take(steady, after - 1) & (before_s < near), rise * length / before_s, 0.0)
+    late = np.where(np.take(steady, after) & (beyond_s < near), fall * length / beyond_s, 0.0)
     whole_rise, whole_fall = np.where(early > 0, 0.0, rise), np.where(late > 0, 0.0, fall)
     step = share**2 * (3 - 2 * share)
     return np.stack([-early, 1 - step + late - whole_rise + whole_fall, step + early + whole_rise - whole_fall, -late])
@@ -93,11 +108,10 @@ class PoseTrack:
         after = np.clip(np.searchsorted(times, t_s, side="right"), 1, times.size - 1)
         start_s, end_s = np.take(times, after - 1), np.take(times, after)
         share = np.clip((t_s - start_s) / (end_s - start_s), 0, 1)
-        weights = _cubic(times, after, share)
+        places = np.hstack([positions, turns])
+        weights = _cubic(times, _steady(times, places), after, share)
         around = np.clip(after + np.arange(-2, 2).reshape(4, *[1] * t_s.ndim), 0, times.size - 1)
-        p, q = (
-            np.einsum("k...,k...i->...i", weights, np.take(values, around, axis=0)) for values in (positions, turns)
-        )
+        p, q = np.split(np.einsum("k...,k...i->...i", weights, np.take(places, around, axis=0)), [3], axis=-1)
         q /= np.linalg.norm(q, axis=-1, keepdims=True)
         bracketed = (t_s >= times[0]) & (t_s <= times[-1]) & (end_s - start_s < MOST_APART_NS / 1e9)
         return rigid(rotation_from_quaternion(q), p), bracketed

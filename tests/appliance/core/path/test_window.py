@@ -53,6 +53,16 @@ def test_poses_between_readings_without_near_neighbours_lie_on_the_straight_line
     assert bent[[1, 2]] == pytest.approx([1 / 8, 1 / 8])
 
 
+def test_an_outlier_or_a_slip_bends_no_way_beside_it() -> None:
+    """3 mm at 60 Hz are 10 times the acceleration of a hand."""
+    times, steps = np.arange(10) / 60, np.arange(10)
+    for places in (np.where(steps == 4, 3.0, 0.0), np.where(steps < 4, 0.0, 3.0)):
+        poses = rigid(np.broadcast_to(np.eye(3), (10, 3, 3)), places[:, None] * [0, 1.0, 0])
+        asked = np.arange(0.02, 0.14, 0.0011)
+        found, _ = track(times, poses).at(asked, ORIGIN_NS)
+        np.testing.assert_allclose(found[:, 1, 3], np.interp(asked, times, places), atol=1e-6)
+
+
 def test_times_that_no_two_readings_bracket_are_said_so() -> None:
     times = np.array([0.0, 0.1, 0.2, 0.9, 1.0])
     found = track(times, planar_path(times))
