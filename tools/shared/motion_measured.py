@@ -20,11 +20,11 @@ HEADINGS = ("parameter", "by motion", "calibrated to", "apart", "estimates", "ex
 
 
 def measured(entries: Sequence[Entry], reference: int) -> dict[str, Accumulated]:
-    """Returns what motion measured of each parameter of that reference, as a change from it, by name."""
+    """Returns what motion measured of each parameter of that reference, as a change from it, by name. Notes do not tell
+    whether the tissue was rigid, so as much is left out as in any.
+    """
     known = estimates_of(entries, reference)
-    found = {
-        name: accumulated(known[name], QUANTITIES[class_of(name)].left_out_rigid) for name in MEASURED if name in known
-    }
+    found = {name: accumulated(known[name], QUANTITIES[class_of(name)].left_out) for name in MEASURED if name in known}
     return {name: one for name, one in found.items() if one is not None}
 
 

@@ -85,5 +85,5 @@ class EstimateNotes:
 
 
 def _figures(name: str, windows: _Windows) -> list[float]:
-    value, sigma = pooled(windows.values, windows.sigmas, QUANTITIES[class_of(name)].left_out_rigid)
+    value, sigma = pooled(windows.values, windows.sigmas, QUANTITIES[class_of(name)].left_out)
     return [round(value, 4), round(sigma, 4), windows.limit]
