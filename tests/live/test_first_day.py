@@ -188,7 +188,7 @@ def test_an_answer_that_cannot_be_is_asked_again_and_nothing_is_written_before_i
 def test_a_file_that_was_changed_while_a_person_thought_is_not_overwritten(day: Day) -> None:
     urls = [f"--{name}={day.urls[name]}" for name in ("video", "tracker", "contact")]
     with Person(
-        "configure", day.file, *urls, "--untried", "--no-calibration", "--profile", "coarse", "--language", "de"
+        "configure", day.file, *urls, "--untried", "--no-calibration", "--profile", "coarse", "--language", "en"
     ) as person:
         person.sees("Write it? [Y/n]")
         day.file.write_text(template() + "# another person\n")

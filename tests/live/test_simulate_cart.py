@@ -60,7 +60,7 @@ def test_without_a_file_the_configuration_is_all_that_is_printed(tmp_path: Path,
     cart = start(programs, "simulate", "cart", "--seed", "7")
     assert cart.stdout is not None
     lines = [cart.stdout.readline()]
-    while not lines[-1].startswith("alarm.folder"):
+    while not lines[-1].startswith("recorder.socket"):
         lines.append(cart.stdout.readline())
     file = tmp_path / "cart.toml"
     file.write_text("".join(lines))
