@@ -12,6 +12,7 @@ from drivers.recordings.metaimage_writing import SequenceItem
 from drivers.samples import Frame, GreyImage, Matrix4, Pose
 
 SIZE_PX = (7, 5)
+REPLAYED_PX = (48, 32)
 PERIOD_NS = 80_000_000
 START_NS = 2_588_141_729_000
 NWIRE_IMAGE_TO_PROBE = np.array(

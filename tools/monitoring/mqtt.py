@@ -65,6 +65,7 @@ _NO_REASON = "Unspecified error"
 _TOO_OLD, _TAKEN_OVER = "Unsupported protocol version", "Session taken over"
 _SILENT = "it does not answer"
 _OLDER = ", by MQTT 3.1.1, which neither refuses nor forgets a message; use a broker with MQTT 5"
+"""What the journal says of a broker that knows no newer version."""
 _REMEDIES = {"Quota exceeded": "; raise its limit of a message", "Not authorized": "; let this user write that topic"}
 _OTHERS = stat.S_IROTH | stat.S_IWOTH
 _LOCAL = ("localhost", "127.0.0.1", "::1")

@@ -66,7 +66,7 @@ def test_it_stays_expired_when_the_service_goes_back_to_it_by_itself(expired: Si
 def test_it_stays_expired_when_a_person_takes_the_same_file_again(
     expired: SimulatedCart, words: list[str | int], origin: str
 ) -> None:
-    """He is told what is left to do, and another file is in force again."""
+    """The refusal names the remedy, and another file still comes in force."""
     file = expired.folder / "probe.toml"
     used = calibration(expired, *words, *([file] if words == ["use"] else []), "--yes", "--wait", 3)
     assert used.returncode == 75

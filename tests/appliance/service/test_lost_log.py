@@ -1,4 +1,4 @@
-"""What a careless hand takes from the alarm log is told at the next start, and the contact stays open until a person
+"""The service reports what was deleted from the alarm log at its next start, and the contact stays open until a person
 acknowledges.
 """
 

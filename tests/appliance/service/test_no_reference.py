@@ -48,7 +48,7 @@ def test_a_cart_without_a_calibration_is_asked_for_one_not_for_a_gesture(tmp_pat
 def test_a_near_successor_of_a_first_calibration_that_nothing_has_shown_is_to_be_shown_wholly(
     tmp_path: Path, restarted: bool
 ) -> None:
-    """What a person gave first may be far from the truth, and what is near to it as well."""
+    """The first calibration may be far from the truth, and so may one that is near it."""
     with Uncalibrated(tmp_path) as cart:
         cart.say("offset")
         cart.wait_for("not verified")

@@ -9,46 +9,18 @@ import pytest
 
 from appliance.limits import Limits
 from appliance.service.devices.source_thread import TrackerThread
-from appliance.storage.calibration_file import write_calibration
 from appliance.supervision.timeline import Judging, Timeline
 from appliance.supervision.watchers.device_health import DeviceHealth, Timeouts
 from appliance.supervision.watchers.devices import watch_devices
-from appliance.types import Calibration, Fault, State, Verdict, VerdictKind
+from appliance.types import Fault, State, Verdict, VerdictKind
 from drivers.clock.host_clock import HostClock
 from drivers.recordings.metaimage_writing import write_metaimage
 from drivers.recordings.replay import open_recording
 from drivers.samples import Frame, Pose, PoseStatus, Stamp
 from drivers.twins.faults import Episode, Schedule
 from tests.support.answers import answered
-from tests.support.recordings import PERIOD_NS, START_NS, items, picture, plus_file
+from tests.support.recordings import PERIOD_NS, REPLAYED_PX, START_NS, items, picture, plus_file
 from tools.shared.inject import inject
-
-FRAME_PX = (48, 32)
-
-
-def recorded_in(folder):
-    """A session of 40 pictures."""
-    path = folder / "session.igs.mha"
-    write_metaimage(path, items(40, FRAME_PX), FRAME_PX)
-    return path
-
-
-def calibrated_in(folder):
-    """The calibration of its probe."""
-    path = folder / "probe.toml"
-    reference = Calibration(np.eye(3), (1, 1), np.array([0.2, 0.2]), np.zeros(3), FRAME_PX)
-    write_calibration(path, reference, {})
-    return path
-
-
-@pytest.fixture
-def session(tmp_path):
-    return recorded_in(tmp_path)
-
-
-@pytest.fixture
-def calibration(tmp_path):
-    return calibrated_in(tmp_path)
 
 
 def spoiled(path, *episodes):
@@ -98,7 +70,7 @@ def test_replay_and_live_judge_every_kind_of_reply_alike(status, before):
     statuses = [before] * 5 + [status] * 90
     timeline = Timeline(START_NS, START_NS, START_NS + 94 * PERIOD_NS)
     for index, kind in enumerate(statuses):
-        frame = Frame(Stamp(START_NS + index * PERIOD_NS, 0), index, picture(index, FRAME_PX))
+        frame = Frame(Stamp(START_NS + index * PERIOD_NS, 0), index, picture(index, REPLAYED_PX))
         timeline.step(frame, ())
         timeline.step(reply(index, kind), ())
     timeline.finish()
@@ -240,10 +212,10 @@ def test_an_injected_device_fault_names_the_verdict(session, calibration, tmp_pa
 
 
 def test_pictures_left_out_count_as_unpaired(calibration, tmp_path):
-    holed = items(40, FRAME_PX)
+    holed = items(40, REPLAYED_PX)
     holed[7] = replace(holed[7], image=None)
     path = tmp_path / "holed.mha"
-    write_metaimage(path, holed, FRAME_PX)
+    write_metaimage(path, holed, REPLAYED_PX)
     _, out, _ = run(path, "--calibration", calibration, "--json")
     data = json.loads(out)
     assert data["frames"] == 40

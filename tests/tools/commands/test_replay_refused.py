@@ -9,18 +9,8 @@ import pytest
 
 from drivers.recordings.metaimage_writing import write_metaimage
 from tests.support.answers import answered
-from tests.support.recordings import items, turn
-from tests.tools.commands.test_replay import FRAME_PX, calibrated_in, recorded_in, run
-
-
-@pytest.fixture
-def session(tmp_path):
-    return recorded_in(tmp_path)
-
-
-@pytest.fixture
-def calibration(tmp_path):
-    return calibrated_in(tmp_path)
+from tests.support.recordings import REPLAYED_PX, items, turn
+from tests.tools.commands.test_replay import run
 
 
 def cut(path):
@@ -135,9 +125,9 @@ def test_where_most_pictures_have_no_pose_the_verdict_says_why(tmp_path, calibra
     poses = [turn(0.1, 10.0 * index) if status == "OK" else None for index, status in enumerate(statuses)]
     kept = [
         replace(item, transforms={"ProbeToTracker": pose})
-        for item, pose in zip(items(40, FRAME_PX), poses, strict=True)
+        for item, pose in zip(items(40, REPLAYED_PX), poses, strict=True)
     ]
-    write_metaimage(tmp_path / "lost.igs.mha", kept, FRAME_PX)
+    write_metaimage(tmp_path / "lost.igs.mha", kept, REPLAYED_PX)
     code, out, _ = run(tmp_path / "lost.igs.mha", "--calibration", calibration)
     assert code == 0
     assert f"verdict: NOT_VERIFIED  {said}" in out

@@ -22,13 +22,12 @@ from drivers.recordings.nrrd import write_nrrd
 from drivers.samples import Frame, Stamp
 from drivers.twins.scene.world import WorldSettings
 from tests.support.black_boxes import record
-from tests.support.recordings import items
+from tests.support.recordings import REPLAYED_PX, items
 from tests.support.sessions import kept, session
 from tools.commands.replay import command
 from tools.shared.found_recordings import found as found_recordings
 
 SMALL = WorldSettings(width_px=400, height_px=300, scale_mm_per_px=(0.09, 0.08))
-FRAME_PX = (48, 32)
 
 
 @pytest.fixture(scope="module")
@@ -64,8 +63,8 @@ def test_a_black_box_is_judged_by_its_own_reference_and_compared(box: Path) -> N
 
 def test_what_was_told_live_stands_beside_what_is_told_now(tmp_path: Path) -> None:
     """Each change of it, once; the same state told again is no change."""
-    reference = Calibration(np.eye(3), (1, 1), np.array([0.2, 0.2]), np.zeros(3), FRAME_PX)
-    frames = [Frame(Stamp(n * 100_000_000, 0), n, item.image) for n, item in enumerate(items(20, FRAME_PX))]
+    reference = Calibration(np.eye(3), (1, 1), np.array([0.2, 0.2]), np.zeros(3), REPLAYED_PX)
+    frames = [Frame(Stamp(n * 100_000_000, 0), n, item.image) for n, item in enumerate(items(20, REPLAYED_PX))]
     said_live = [
         ("not verified", None, "too little"),
         ("not verified", None, "still"),
@@ -122,8 +121,8 @@ def archive(box: Path, tmp_path: Path) -> Path:
     """Two sequences, a black box, and a file that is none."""
     folder = tmp_path / "archive"
     folder.mkdir()
-    write_metaimage(folder / "one.igs.mha", items(40, FRAME_PX), FRAME_PX)
-    write_nrrd(folder / "two.nrrd", items(40, FRAME_PX), FRAME_PX)
+    write_metaimage(folder / "one.igs.mha", items(40, REPLAYED_PX), REPLAYED_PX)
+    write_nrrd(folder / "two.nrrd", items(40, REPLAYED_PX), REPLAYED_PX)
     shutil.copy(box, folder / "three.mcap")
     (folder / "four.mcap").write_bytes(box.read_bytes()[:40])
     (folder / "five.mha").write_text("ObjectType = Image\n")
@@ -143,7 +142,7 @@ def test_a_folder_becomes_a_table_in_which_each_has_its_row(archive: Path) -> No
 @pytest.mark.thorough
 def test_with_a_calibration_all_are_judged_and_pictures_of_either_kind_alike(archive: Path, tmp_path: Path) -> None:
     calibration = tmp_path / "probe.toml"
-    write_calibration(calibration, Calibration(np.eye(3), (1, 1), np.array([0.2, 0.2]), np.zeros(3), FRAME_PX), {})
+    write_calibration(calibration, Calibration(np.eye(3), (1, 1), np.array([0.2, 0.2]), np.zeros(3), REPLAYED_PX), {})
     recordings = archive / "one.igs.mha", archive / "two.nrrd"
     one, two = told(*recordings, "--calibration", calibration, "--json")[1]["recordings"]
     own = dict.fromkeys(["recording", "recording_sha256", "recording_state"], "")

@@ -91,8 +91,8 @@ def test_it_is_on_the_disk_with_the_reference_and_voided_with_it(tmp_path: Path)
     again.close()
 
 
-def test_a_cart_that_restarts_or_whose_estimator_dies_goes_on_with_it(tmp_path: Path) -> None:
-    given: list[Matrix4 | None] = []
+def learning(given: list[Matrix4 | None]) -> type[TrustingLine]:
+    """Lines that learn RELATIVE_POSE where they are given none; each notes in `given` what it was given."""
 
     class Line(TrustingLine):
         def __init__(
@@ -100,9 +100,14 @@ def test_a_cart_that_restarts_or_whose_estimator_dies_goes_on_with_it(tmp_path: 
         ) -> None:
             super().__init__(reference, limits, stale_ns, relative_pose, lambda: "")
             given.append(relative_pose)
-            self.relative_pose = RELATIVE_POSE
+            self.relative_pose = RELATIVE_POSE if relative_pose is None else relative_pose
 
-    with SimulatedCart(tmp_path, Line) as cart:
+    return Line
+
+
+def test_a_cart_that_restarts_or_whose_estimator_dies_goes_on_with_it(tmp_path: Path) -> None:
+    given: list[Matrix4 | None] = []
+    with SimulatedCart(tmp_path, learning(given)) as cart:
         cart.monitoring()
         assert [one is None for one in given] == [True]
         cart.kill_estimator()
@@ -120,18 +125,9 @@ def test_a_cart_that_restarts_or_whose_estimator_dies_goes_on_with_it(tmp_path: 
 
 
 def test_a_service_that_goes_back_to_a_calibration_goes_on_with_what_it_knew_under_it(tmp_path: Path) -> None:
-    """What slid while another one was given up is compared with that; one that a person takes is begun without."""
+    """It shows a slide during a recalibration that was given up; one that a person takes begins without it."""
     given: list[Matrix4 | None] = []
-
-    class Line(TrustingLine):
-        def __init__(
-            self, reference: Calibration, limits: Limits, stale_ns: int, relative_pose: Matrix4 | None = None
-        ) -> None:
-            super().__init__(reference, limits, stale_ns, relative_pose, lambda: "")
-            given.append(relative_pose)
-            self.relative_pose = RELATIVE_POSE if relative_pose is None else relative_pose
-
-    with SimulatedCart(tmp_path, Line) as cart:
+    with SimulatedCart(tmp_path, learning(given)) as cart:
         cart.monitoring()
         with cart.client() as client:
             client.begin_recalibration()
