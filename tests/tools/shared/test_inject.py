@@ -6,14 +6,14 @@ import pytest
 from drivers.recordings.metaimage_writing import write_metaimage
 from drivers.samples import Frame, Pose, PoseStatus
 from drivers.twins.faults import Episode
-from tests.support.recordings import PERIOD_NS, START_NS, items, picture
-from tests.tools.commands.test_replay import FRAME_PX, spoiled
+from tests.support.recordings import PERIOD_NS, REPLAYED_PX, START_NS, items, picture
+from tests.tools.commands.test_replay import spoiled
 
 
 @pytest.fixture
 def session(tmp_path):
     path = tmp_path / "session.igs.mha"
-    write_metaimage(path, items(40, FRAME_PX), FRAME_PX)
+    write_metaimage(path, items(40, REPLAYED_PX), REPLAYED_PX)
     return path
 
 
@@ -25,8 +25,8 @@ def split(samples):
 @pytest.mark.parametrize(("fault", "expected"), [("flip-lateral", np.s_[:, ::-1]), ("flip-vertical", np.s_[::-1])])
 def test_flips_act_from_their_time_on(session, fault, expected):
     frames, _ = split(spoiled(session, Episode(fault, 1.6)))
-    np.testing.assert_array_equal(frames[19].image, picture(19, FRAME_PX))
-    np.testing.assert_array_equal(frames[20].image, picture(20, FRAME_PX)[expected])
+    np.testing.assert_array_equal(frames[19].image, picture(19, REPLAYED_PX))
+    np.testing.assert_array_equal(frames[20].image, picture(20, REPLAYED_PX)[expected])
 
 
 def test_freeze_repeats_pixels_under_fresh_stamps(session):
@@ -34,12 +34,12 @@ def test_freeze_repeats_pixels_under_fresh_stamps(session):
     assert [frame.stamp.t_ns for frame in frames] == [START_NS + index * PERIOD_NS for index in range(40)]
     assert [frame.sequence for frame in frames] == [100 + 2 * index for index in range(40)]
     for index in (10, 25, 39):
-        np.testing.assert_array_equal(frames[index].image, picture(9, FRAME_PX))
+        np.testing.assert_array_equal(frames[index].image, picture(9, REPLAYED_PX))
 
 
 def test_freeze_from_the_start_repeats_the_first_picture(session):
     frames, _ = split(spoiled(session, Episode("freeze-video", 0.0)))
-    np.testing.assert_array_equal(frames[39].image, picture(0, FRAME_PX))
+    np.testing.assert_array_equal(frames[39].image, picture(0, REPLAYED_PX))
 
 
 def test_latency_stamps_each_pose_late_and_keeps_time_order(session):

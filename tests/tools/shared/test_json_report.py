@@ -10,7 +10,7 @@ import pytest
 from appliance.core.quality.report import Change, LineReport, report_json
 from appliance.types import Calibration, Check, Fault, State, Verdict, VerdictKind
 from drivers.rigid import rotation_from_vector
-from tests.tools.commands.test_replay import FRAME_PX
+from tests.support.recordings import REPLAYED_PX
 
 
 def line_report(**changes):
@@ -20,7 +20,7 @@ def line_report(**changes):
         (-1, 1),
         np.array([0.08, 0.07]),
         np.array([1.0, 2.0, 3.0]),
-        FRAME_PX,
+        REPLAYED_PX,
         covariance,
         (True,) * 7 + (False,),
     )
