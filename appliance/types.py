@@ -69,12 +69,14 @@ class TissuePath:
 
     path_px: (4, 2), path_rad: (4,), as of `Motion`, by the bits `DRAGS` and `PRESSES`. drag_px: (4,) lateral way of the
     skin against what lies deep. tilt_rad: turn by ∂u_y/∂x, which tissue that follows the face shows in part.
+    clear_share: of the picture, in which tissue is seen.
     """
 
     path_px: Vector
     path_rad: Vector
     drag_px: Vector
     tilt_rad: float
+    clear_share: float = 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -3,7 +3,7 @@
 from dataclasses import replace
 from math import hypot, nan, sqrt
 
-from appliance.core.parameters import CLASSES, QUANTITIES
+from appliance.core.parameters import CLASSES, QUANTITIES, named_from
 from appliance.core.path.latency import Latency
 from appliance.core.path.residual import LEAST_TRAVEL_MM, SCALE
 from appliance.core.path.solver import Solution
@@ -51,7 +51,7 @@ def latency_check(latency: Latency | None, limits: Limits, stamps_err_s: float, 
         "latency", Fault.LATENCY, latency.value_s * 1e3, latency.sigma_s * 1e3, "ms", limits.latency_ms,
         VerdictKind.NOT_VERIFIED, shown_ns,
     )  # fmt: skip
-    return _judged(check, limits.confidence_sigma, stamps_err_s * 1e3)
+    return _judged(check, limits.confidence_sigma, check.limit, stamps_err_s * 1e3)
 
 
 def agreement_check(solution: Solution | None) -> Check:
@@ -76,12 +76,14 @@ def _parameter(index: int, solution: Solution | None, limits: Limits) -> Check:
         return Check(name, fault, nan, sigma, unit, limit, VerdictKind.NOT_VERIFIED)
     shown_ns = int(solution.shown_ns[index])
     check = Check(name, fault, value, sigma, unit, limit, VerdictKind.NOT_VERIFIED, shown_ns)
-    return _judged(check, limits.confidence_sigma)
+    return _judged(check, limits.confidence_sigma, named_from(fault, limits, solution.rigid))
 
 
-def _judged(check: Check, confidence: float, bound: float = 0.0) -> Check:
-    """OK and FAULT both need `confidence` sigmas and the bound as room; what lies between shows nothing."""
+def _judged(check: Check, confidence: float, named_from: float, bound: float = 0.0) -> Check:
+    """OK and FAULT both need `confidence` sigmas and the bound as room, to the limit and to what is named from; what
+    lies between shows nothing.
+    """
     room = confidence * check.sigma + bound
     if abs(check.value) + room <= check.limit:
         return replace(check, verdict=VerdictKind.OK)
-    return replace(check, verdict=VerdictKind.FAULT) if abs(check.value) - room > check.limit else check
+    return replace(check, verdict=VerdictKind.FAULT) if abs(check.value) - room > named_from else check

@@ -25,7 +25,8 @@ class PathSamples:
     t_s: (n,). chain: (n,) int. u_px: (n, 2), alpha_rad: (n,) path within the chain. poses: (n, 4, 4) sensor → tracker
     at t_s + latency; earlier_poses, later_poses: the same, half of `apart_s` before and after, for the derivative by
     latency. apart_s spans several pose periods, or tracker noise would drown the velocity. origin_ns: stamp that t_s
-    counts from. rigid: whether the motion shows that the tissue does not give way, whose path it then is.
+    counts from. rigid: whether the motion shows that the tissue does not give way, whose path it then is. clear_share:
+    of the pictures, in which tissue is seen, mean.
     """
 
     t_s: Array
@@ -38,6 +39,7 @@ class PathSamples:
     apart_s: float
     origin_ns: int = 0
     rigid: bool = False
+    clear_share: float = 1.0
 
     @cached_property
     def made(self) -> dict[tuple[object, ...], Any]:

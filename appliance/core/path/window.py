@@ -269,7 +269,9 @@ class PathWindow:
         keep = known.all(axis=0)
         poses, earlier, later = around[:, keep]
         seen = t_s[keep], chain[keep], u_px[keep], alpha[keep]
-        return PathSamples(*seen, poses, earlier, later, _APART_S, self._seen[0].stamp.t_ns, not self.tissue & PRESSES)
+        clear = float(np.mean([motion.tissue.clear_share for motion in self._seen if motion.tissue] or [1.0]))
+        origin_ns, rigid_tissue = self._seen[0].stamp.t_ns, not self.tissue & PRESSES
+        return PathSamples(*seen, poses, earlier, later, _APART_S, origin_ns, rigid_tissue, clear)
 
     @property
     def tissue(self) -> int:
@@ -278,8 +280,8 @@ class PathWindow:
         """
         return 0 if self._seen and self._seen[-1].tissue is None else self._tissue
 
-    def look_at_tissue(self, lag_s: float) -> int:
-        """The same by all of the window. lag_s: of the tracker."""
+    def look_at_tissue(self, lag_s: float, scale_limit: float) -> int:
+        """The same by all of the window. lag_s: of the tracker. scale_limit: relative, as `may_do`."""
         if self._seen and self._seen[-1].tissue is not None:
             self._changed()
             origin_ns = self._seen[0].stamp.t_ns
@@ -287,7 +289,7 @@ class PathWindow:
             poses, known = self.poses.at(t_s, origin_ns)
             known &= np.array([motion.tissue is not None for motion in self._seen])
             seen = [motion for motion, there in zip(self._seen, known, strict=True) if there]
-            self._tissue = may_do(self._tissue, seen, poses[known], self._reference)
+            self._tissue = may_do(self._tissue, seen, poses[known], self._reference, scale_limit)
         return self.tissue
 
     def take_tissue(self, other: "PathWindow") -> None:

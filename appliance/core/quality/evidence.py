@@ -250,7 +250,7 @@ class Evidence:
         lagged_ns = yield from self._examiner.new_lag(window, now_ns)
         if lagged_ns is not None:
             self._memory = self._memory.lagged_from(lagged_ns)
-        window.look_at_tissue(self._examiner.about_s)
+        window.look_at_tissue(self._examiner.about_s, self._limits.scale_percent / 100)
         self.window.take_tissue(window)
         recent = window.since(max(self._memory.lagged_ns, now_ns - CHANGE_WINDOW_NS))
         finding = yield from self._examiner.look(

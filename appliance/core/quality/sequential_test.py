@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from appliance.core.detectors.calibration_change import dragged
-from appliance.core.parameters import MEASURED, PER_UNIT, QUANTITIES, limit_of_each
+from appliance.core.parameters import MEASURED, PER_UNIT, QUANTITIES, limit_of_each, named_from
 from appliance.core.path.blocks import AXIAL, BREATHING, LATERAL
 from appliance.core.path.huber import huber_cost
 from appliance.core.path.noise import Noise
@@ -186,7 +186,7 @@ class _Trial:
         named = explains and len(rivals) == 1 and self._beyond(first) >= NAMED_NATS
         own = _checks(first, ahead[0], limits, lag_s, self._spread) if named else []
         little = dragged(self._rows.travel_mm(self.n))
-        beyond = [check for check in own if check.least_ratio(limits.confidence_sigma) > 1]
+        beyond = [check for check in own if self._is_named(check, limits)]
         if any(check.name not in little for check in beyond):
             faults = (one if one.name in little else replace(one, verdict=VerdictKind.FAULT) for one in beyond)
             return Accusation(since_ns, self.nats, tuple(faults))
@@ -195,6 +195,10 @@ class _Trial:
         rivalled = explains and len(worst) > 1 and not any(check.name in little for check in worst)
         as_likely = tuple(Rival(check, behind[check.fault]) for check in worst) if rivalled else ()
         return Accusation(since_ns, self.nats, worst, as_likely)
+
+    def _is_named(self, check: Check, limits: Limits) -> bool:
+        least = named_from(check.fault, limits, self._rows.rigid)
+        return check.least_ratio(limits.confidence_sigma) * check.limit > least
 
     def _alone(self, own: slice) -> Fit:
         """Where only one class may be beyond its limits."""

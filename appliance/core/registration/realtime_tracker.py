@@ -80,6 +80,7 @@ class RealTimeTracker:
         self._keyframe: Keyframe | None = None
         self._keyframe_sequence = 0
         self._keyframe_path = _REST
+        self._clear_share = 1.0
         self._before: tuple[Pyramid, int, Warp] | None = None
         self._warm: Warp | Array = _REST
         self._chain = 0
@@ -161,6 +162,7 @@ class RealTimeTracker:
             np.array([alpha for _, alpha in path]),
             before.drag_px + [reading.drag_px for reading in found.readings],
             before.tilt_rad + found.tilt_rad,
+            self._clear_share,
         )
 
     def _between(self, before: Warp, path: Warp) -> Warp:
@@ -192,6 +194,7 @@ class RealTimeTracker:
 
     def _take_keyframe(self, levels: Pyramid, sequence: int, path: Warp) -> None:
         self._keyframe = self._keyframe_of(levels)
+        self._clear_share = self._shadows.clear_share
         self._keyframe_sequence = sequence
         self._keyframe_path = path
         self._keyframe_along = self._along

@@ -11,10 +11,12 @@ from tools.study.session import Session
 pytestmark = pytest.mark.thorough
 
 
-def watched(tissue: str, seconds: float, seed: int, hazard: str = "none", motion: str = "gesture") -> Outcome:
+def watched(
+    tissue: str, seconds: float, seed: int, hazard: str = "none", motion: str = "gesture", profile: str = "coarse"
+) -> Outcome:
     """Outcome of a session with this motion over this tissue."""
     session = Session(motion, tissue, seed, seconds)
-    return run(Conditions(session, Hazard.parse(hazard)), rendered(session, sessions()))
+    return run(Conditions(session, Hazard.parse(hazard), profile=profile), rendered(session, sessions()))
 
 
 @pytest.mark.parametrize("tissue", ["half-20+deep", "layer-80+deep"])
@@ -43,6 +45,25 @@ def test_a_healthy_probe_is_verified_by_the_gesture_over_a_half_space() -> None:
 def test_tissue_that_follows_as_a_whole_hides_no_wrong_axial_scale(tissue: str, percent: int) -> None:
     """By the share of a turn that ∂u_y/∂x shows alone, the contact closed on −10 % after 2.7 s."""
     assert watched(tissue, 6.0, 1, f"scale-axial={percent}@start").closed == 0
+
+
+@pytest.mark.parametrize("profile", ["clinical", "fine"])
+def test_tighter_limits_are_hidden_by_no_foam(profile: str) -> None:
+    """It follows by as much as the axial scale is wrong. Closed for 9 to 17 s; a healthy probe was named `scale`."""
+    assert watched("foam-0.05", 14.0, 1, "scale-axial=5@start", profile=profile).closed == 0
+    assert watched("foam-0.05", 14.0, 1, profile=profile).faults == ""
+
+
+def test_over_foam_tighter_limits_accuse_no_healthy_probe() -> None:
+    """It was named `offset`, +8.6 mm of 1.5 mm, after 8.8 s."""
+    assert watched("foam-0.1", 10.0, 1, profile="fine").faults == ""
+
+
+def test_a_face_that_is_partly_off_the_skin_accuses_no_healthy_probe() -> None:
+    """It was named `scale`, +18.7 %, after 4.4 s."""
+    outcome = watched("contact-0.6", 12.0, 6)
+    assert outcome.faults == ""
+    assert outcome.closed > 0
 
 
 @pytest.mark.parametrize("hazard", ["slide-lateral=8@start", "depth=10@start"])

@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 
 from appliance.core.path.window import PathWindow
+from appliance.limits import Limits
 from appliance.types import DRAGS, PRESSES, Calibration, TissuePath
 from drivers.rigid import Array, rigid, rotation_from_vector
 from tests.support.motions import TRUTH, planar_path, tilting_path
 from tests.support.windows import elevational_path, filled
 
 ALL = DRAGS | PRESSES
+LIMIT = Limits().scale_percent / 100
 
 
 def window(seconds: float, follows: float = 0.0, drags: float = 0.0, noise: float = 1.0) -> PathWindow:
@@ -41,7 +43,7 @@ def with_tissue(
     [(0.0, 0.0, 0), (0.0, 0.4, DRAGS), (0.15, 0.0, ALL), (0.6, 0.0, ALL), (0.6, 0.4, ALL), (-0.2, 0.0, ALL)],
 )
 def test_what_ten_seconds_show(follows: float, drags: float, may: int) -> None:
-    assert window(10.0, follows, drags).look_at_tissue(0.0) == may
+    assert window(10.0, follows, drags).look_at_tissue(0.0, LIMIT) == may
 
 
 @pytest.mark.parametrize(("rows", "drags", "may"), [(640, 0.0, PRESSES), (640, 0.4, ALL), (480, 0.0, ALL)])
@@ -51,14 +53,14 @@ def test_only_deep_pictures_tell_skin_that_does_not_drag_over_tissue_that_follow
     """45 mm and 34: in shallow ones what is pressed out sideways would pass for a wrong axial scale."""
     reference = replace(TRUTH, image_size_px=(640, rows))
     plain = filled(planar_path, 10.0, truth=reference, reference=reference)
-    assert with_tissue(plain, 0.6, drags, reference=reference).look_at_tissue(0.0) == may
+    assert with_tissue(plain, 0.6, drags, reference=reference).look_at_tissue(0.0, LIMIT) == may
 
 
 def test_until_it_is_shown_tissue_may_do_all() -> None:
     assert PathWindow(TRUTH).tissue == ALL
-    assert window(1.0).look_at_tissue(0.0) == ALL
-    assert window(10.0, noise=60.0).look_at_tissue(0.0) == ALL
-    assert with_tissue(filled(elevational_path, 10.0)).look_at_tissue(0.0) == ALL
+    assert window(1.0).look_at_tissue(0.0, LIMIT) == ALL
+    assert window(10.0, noise=60.0).look_at_tissue(0.0, LIMIT) == ALL
+    assert with_tissue(filled(elevational_path, 10.0)).look_at_tissue(0.0, LIMIT) == ALL
 
 
 def path(window: PathWindow) -> Array:
@@ -68,7 +70,7 @@ def path(window: PathWindow) -> Array:
 @pytest.mark.parametrize(("drags", "may"), [(0.0, 0), (0.4, DRAGS)])
 def test_the_path_is_the_one_of_such_tissue_and_parts_of_a_window_have_it_as_well(drags: float, may: int) -> None:
     whole = window(10.0, drags=drags)
-    whole.look_at_tissue(0.0)
+    whole.look_at_tissue(0.0, LIMIT)
     part = whole.since(whole.now_ns - 500_000_000)
     assert part.tissue == may
     for each in whole, part, whole.as_now():
@@ -78,12 +80,12 @@ def test_the_path_is_the_one_of_such_tissue_and_parts_of_a_window_have_it_as_wel
 
 def test_what_was_shown_stands_until_motion_contradicts_it() -> None:
     known = window(10.0)
-    assert known.look_at_tissue(0.0) == 0
+    assert known.look_at_tissue(0.0, LIMIT) == 0
     motions = list(known._seen)
     still = replace(motions[-1], stamp=replace(motions[-1].stamp, t_ns=motions[-1].stamp.t_ns + 35_000_000_000))
     known.add(still)
     assert len(known) == 1
-    assert known.look_at_tissue(0.0) == 0, "nothing of it is in the window any more"
+    assert known.look_at_tissue(0.0, LIMIT) == 0, "nothing of it is in the window any more"
     known.restart()
     assert known.tissue == 0, "the tissue is the same under another calibration"
     known.restart()
@@ -93,22 +95,22 @@ def test_what_was_shown_stands_until_motion_contradicts_it() -> None:
 
 def rigid_window() -> PathWindow:
     known = window(10.0)
-    known.look_at_tissue(0.0)
+    known.look_at_tissue(0.0, LIMIT)
     return known
 
 
 def test_rigid_tissue_is_known_by_a_tracker_that_is_late() -> None:
     """By .2 s the picture tilts before the tracker turns."""
     late = with_tissue(filled(planar_path, 10.0, late_s=0.2))
-    assert late.look_at_tissue(0.0) == ALL
-    assert late.look_at_tissue(0.2) == 0
+    assert late.look_at_tissue(0.0, LIMIT) == ALL
+    assert late.look_at_tissue(0.2, LIMIT) == 0
 
 
 @pytest.mark.parametrize("late_s", [0.1, 0.2, 0.45])
 def test_rigid_tissue_stays_rigid_as_a_tracker_begins_to_lag(late_s: float) -> None:
     late = with_tissue(filled(planar_path, 10.0, late_s=late_s))
     late.take_tissue(rigid_window())
-    assert late.look_at_tissue(0.0) == 0
+    assert late.look_at_tissue(0.0, LIMIT) == 0
 
 
 @pytest.mark.parametrize(("follows", "may"), [(0.0, 0), (0.5, ALL)])
@@ -116,7 +118,7 @@ def test_a_probe_that_is_held_otherwise_than_the_reference_says_is_no_softer(fol
     """As another probe is: by 30°, which tilts the axis about which the picture turns."""
     turned = replace(TRUTH, rotation=rotation_from_vector(np.deg2rad([30.0, 0.0, 0.0])) @ TRUTH.rotation)
     other = with_tissue(filled(tilting_path, 10.0, reference=turned), follows, reference=turned)
-    assert other.look_at_tissue(0.0) == may
+    assert other.look_at_tissue(0.0, LIMIT) == may
 
 
 def test_rigid_tissue_that_turns_out_to_follow_is_rigid_no_more() -> None:
@@ -126,22 +128,31 @@ def test_rigid_tissue_that_turns_out_to_follow_is_rigid_no_more() -> None:
     for motion in soft._seen:
         known.add(motion)
     assert known.tissue == 0
-    assert known.look_at_tissue(0.0) == ALL
+    assert known.look_at_tissue(0.0, LIMIT) == ALL
 
 
 def test_motion_of_which_nothing_is_known_but_that_it_is_rigid() -> None:
     assert filled(planar_path, 1.0).tissue == 0
 
 
-def test_a_wrong_axial_scale_does_not_make_tissue_that_follows_rigid() -> None:
-    """Tissue follows by .1 and the axial scale is 10 % too small: ∂u_y/∂x is that of the probe, ∂u_x/∂y tells."""
-    plain = filled(planar_path, 10.0)
-    hidden, told = PathWindow(TRUTH), 0.9
-    hidden.poses = plain.poses
+def hidden(follows: float) -> PathWindow:
+    """Over tissue that follows by so much, and the axial scale is as much too small: ∂u_y/∂x is that of the probe."""
+    plain, found = filled(planar_path, 10.0), PathWindow(TRUTH)
+    found.poses = plain.poses
     for motion in with_tissue(plain)._seen:
         assert motion.tissue is not None
-        hidden.add(replace(motion, tissue=replace(motion.tissue, path_rad=motion.tissue.path_rad * told)))
-    assert hidden.look_at_tissue(0.0) & PRESSES
+        found.add(replace(motion, tissue=replace(motion.tissue, path_rad=motion.tissue.path_rad * (1 - follows))))
+    return found
+
+
+@pytest.mark.parametrize(("follows", "scale_limit", "presses"), [
+    (0.1, LIMIT, True), (0.03, LIMIT, False), (0.03, 0.02, True), (0.0, 0.02, False),
+])  # fmt: skip
+def test_a_wrong_axial_scale_does_not_make_tissue_that_follows_rigid(
+    follows: float, scale_limit: float, presses: bool
+) -> None:
+    """∂u_x/∂y tells, to within the limit of a scale."""
+    assert bool(hidden(follows).look_at_tissue(0.0, scale_limit) & PRESSES) == presses
 
 
 def test_what_may_be_drag_of_the_skin_does_not_hide_that_tissue_follows() -> None:
@@ -155,7 +166,7 @@ def test_what_may_be_drag_of_the_skin_does_not_hide_that_tissue_follows() -> Non
         assert motion.tissue is not None
         told = np.where(np.arange(4) == PRESSES, 0.9, 1.0)
         hidden.add(replace(motion, tissue=replace(motion.tissue, path_rad=motion.tissue.path_rad * told)))
-    assert hidden.look_at_tissue(0.0) & PRESSES
+    assert hidden.look_at_tissue(0.0, LIMIT) & PRESSES
 
 
 def oblique(seconds: float, aslant: float, follows: float = 0.0, drags: float = 0.0) -> PathWindow:
@@ -174,9 +185,9 @@ def oblique(seconds: float, aslant: float, follows: float = 0.0, drags: float = 
 def test_a_hand_that_turns_about_one_oblique_axis_shows_what_tissue_does(
     aslant: float, follows: float, drags: float, may: int
 ) -> None:
-    assert oblique(20.0, aslant, follows, drags).look_at_tissue(0.0) == may
+    assert oblique(20.0, aslant, follows, drags).look_at_tissue(0.0, LIMIT) == may
 
 
 def test_a_turn_half_way_to_the_lateral_axis_shows_no_tissue_to_be_rigid() -> None:
     """A rotation that is wrong by its limit would pass for a share of .05."""
-    assert oblique(20.0, 1.0).look_at_tissue(0.0) == ALL
+    assert oblique(20.0, 1.0).look_at_tissue(0.0, LIMIT) == ALL

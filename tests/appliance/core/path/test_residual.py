@@ -75,6 +75,18 @@ def test_over_tissue_that_may_give_way_a_shallow_picture_shows_nothing(rows: int
         assert PathResidual.of(given, truth).is_informative is (tells or rigid_tissue)
 
 
+@pytest.mark.parametrize(("clear_share", "tells"), [(0.44, False), (0.73, True)])
+def test_over_tissue_that_may_give_way_a_picture_that_shows_little_of_it_shows_nothing(
+    clear_share: float, tells: bool
+) -> None:
+    """A healthy cart was accused of +19 % laterally where a part of the face was off the skin; 21 mm deep."""
+    truth = replace(TRUTH, image_size_px=(640, 300))
+    for rigid_tissue in (False, True):
+        given = samples(tilting_path, 240, 2, motions.Noise(), truth, rigid_tissue=rigid_tissue)
+        seen = replace(given, clear_share=clear_share)
+        assert PathResidual.of(seen, truth).is_informative is (tells or rigid_tissue)
+
+
 @pytest.mark.parametrize("axis", [0, 1])
 def test_tissue_that_is_sheared_by_a_press_or_by_drag_has_not_turned(axis: int) -> None:
     """By .05° for 1 mm, as the probe twists in step with that. Taken for a turn, it is a wrong rotation."""

@@ -91,12 +91,14 @@ def test_stated_sigmas_cover_the_truth(frames: int, most: float) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("position_mm", [0.1, 0.25])
 @pytest.mark.parametrize(
-    ("path", "prior", "told", "most"), [(planar_path, PLANAR, 7, 0.75), (tilting_path, Prior(latency_s=0.005), 8, 0.9)]
+    ("path", "prior", "told", "most"), [(planar_path, PLANAR, 7, 0.75), (tilting_path, Prior(latency_s=0.005), 8, 0.92)]
 )
 def test_errors_are_unbiased_and_covered_over_six_hundred_runs(
     path, prior: Prior, told: int, most: float, position_mm: float
 ) -> None:  # type: ignore[no-untyped-def]
-    """Of freehand motion the sigmas are rather too large: slanted tissue, which this has not, is always expected."""
+    """Of freehand motion the sigmas are rather too large: slanted tissue and tilts that lead registration astray,
+    which this has not, are always expected; .90 without the tilts.
+    """
     changes, sigmas = study(path, prior, 120, 600, Noise(position_mm=position_mm))
     changes, sigmas = changes[:, :told], sigmas[:, :told]
     assert np.all(np.abs(changes.mean(axis=0)) < 0.2 * changes.std(axis=0)), changes.mean(axis=0) / changes.std(axis=0)

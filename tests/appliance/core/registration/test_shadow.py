@@ -113,6 +113,17 @@ def test_at_the_side_there_is_a_shadow_where_the_sector_was_lit_before() -> None
     assert seen[:, :270].all()
 
 
+def test_the_share_in_which_tissue_is_seen_is_without_black_and_without_shadows() -> None:
+    """.7 of a picture of which the right is black, then .16 + .02 less where a rib is in view."""
+    shadows, seen = Shadows(), np.ones((HEIGHT, WIDTH), bool)
+    dark = np.where(COLUMNS < 0.7 * WIDTH, 1.0, 1e-3)
+    assert shadows.clear_share == 1
+    shadows.outside(pyramid(shown(speckle() * dark)), seen)
+    assert shadows.clear_share == pytest.approx(0.7, abs=0.03)
+    shadows.outside(pyramid(shown(speckle() * dark * rib(100, 165))), seen)
+    assert 0.45 < shadows.clear_share < 0.62
+
+
 def test_text_beside_the_sector_that_was_not_yet_known_as_such_does_not_make_it_wider() -> None:
     sector = np.abs(COLUMNS - 200) < 100 + 0.3 * ROWS
     text = (np.abs(COLUMNS - 200) < 112 + 0.3 * ROWS) & ~sector & (COLUMNS % 6 < 3) & (np.abs(ROWS - 240) < 10)
