@@ -13,8 +13,7 @@ from drivers.rigid import Array
 _TILT = 0.08
 """By how much the share of a turn that ∂u_y/∂x shows is from 1 at most, two sigmas included, for tissue that follows no
 press. More counts a press in tissue that follows by so much, and as large an error of the axial scale; less asks for
-more motion. In rigid tissue 1.004 ± .003 was seen, in soft .33 to .42 (gesture, seed
-1)."""
+more motion. In rigid tissue 1.004 ± .003 was seen, in soft .33 to .42 (gesture, seed 1)."""
 _DRAG = 0.15
 """By what share of the face's lateral way the skin goes along at most, likewise, for skin that does not drag. In rigid
 tissue −.01 ± .01 was seen, where the skin sticks for 3 mm −.5 ± .06 (gesture, in-plane, seed 1); in tissue that follows
@@ -24,7 +23,7 @@ _MOST_HIDDEN = 0.05
 press; the limit of a scale, where that is tighter. A wrong ratio of the scales divides one by what it multiplies the
 other with, so the product is 1 less what tissue follows, whatever the scales. Where tissue followed by .1 and the axial
 scale was 10 % too small the first was 1.00, and the cart was OK (gesture, five runs); the product was .90 to .92 ± .01,
-over foam that follows by .05 .935 to .957, and .985 to 1.021 ± .007 in seven rigid gestures. Of a turn narrower than
+over foam that follows by .05 .92 to .96, and in rigid gestures .985 to 1.021 ± .007 after 4 s. Of a turn narrower than
 LEAST_TURN_RAD it is asked only where the first alone hides twice the limit of a scale: ordinary motion in rigid tissue
 was verified after 8 s instead of 4.
 """
