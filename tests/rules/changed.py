@@ -28,7 +28,7 @@ ABOUT = {
     ),
     "deb": (
         *("systemd", "config", "requirements.lock", "README.md", "LICENSE", "tests/systemd"),
-        *("tools/cli.py", "tools/commands", "tools/shared", "tools/development/compile_core.py"),
+        *("tools/cli.py", "tools/commands", "tools/german", "tools/shared", "tools/development/compile_core.py"),
         *("appliance/core/registration", "tools/page/files"),  # what is no module, and a wheel may lack
     ),
     "pythons": ("appliance", "drivers", "tools", "tests"),

@@ -35,8 +35,8 @@ from drivers.errors import ConfigurationError
 from drivers.files.atomic_file import check_new, writing
 from drivers.printable import LONGEST_TEXT, printable
 from tools.commands.calibration_measured import command as measured
+from tools.german.translation import recognised, told
 from tools.shared.alarm_history import references_in
-from tools.shared.german import recognised, told
 from tools.shared.interruption import stopped_saying
 from tools.shared.json_report import json_of, json_option
 from tools.shared.named_cart import CONFIG, NAMED, cart_language, control_option, folder_option, socket_option

@@ -9,8 +9,8 @@ from rich.console import Console
 from appliance.storage.calibration_file import check_own_name, write_calibration
 from appliance.storage.reference import candidate_of_entry
 from drivers.files.atomic_file import check_new
+from tools.german.translation import recognised, told
 from tools.shared.alarm_history import references_in, settled_log, tell_damage
-from tools.shared.german import recognised, told
 from tools.shared.json_report import json_of, json_option
 from tools.shared.motion_measured import HEADINGS, fields_of, in_vivo, measured, row_of
 from tools.shared.named_cart import cart_language, folder_option

@@ -13,7 +13,7 @@ from appliance.storage.device_set import remarks
 from appliance.storage.reference import candidate_from_content, size_for
 from drivers.errors import ConfigurationError
 from drivers.registry import check_options
-from tools.shared.german import told
+from tools.german.translation import told
 from tools.shared.limits_in_force import remarks as remarks_on_limits
 from tools.shared.limits_in_force import rows as limit_rows
 from tools.shared.named_cart import file_argument

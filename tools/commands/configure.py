@@ -20,10 +20,10 @@ from drivers.io.inventory import CONNECTED, ROOT, Found
 from drivers.registry import check_options, open_tracker, open_video
 from tools.commands.check import calibration_mistakes, calibration_remarks, mistakes_in, rows
 from tools.commands.probe import complaints, findings, measure
+from tools.german.translation import recognised, told
 from tools.shared.configuration_text import Answers, Value, changed, template
 from tools.shared.device_question import DeviceQuestion, Respondent, whole_path
 from tools.shared.driver_text import real_drivers
-from tools.shared.german import recognised, told
 from tools.shared.interruption import stopped_saying
 from tools.shared.limits_in_force import remarks as remarks_on_limits
 from tools.shared.named_cart import file_argument

@@ -18,9 +18,9 @@ from drivers.errors import ConfigurationError
 from drivers.files.atomic_file import check_kind, check_new, writing
 from drivers.printable import LONGEST_TEXT, printable
 from drivers.suggestion import did_you_mean, suggested
+from tools.german.translation import recognised, told
 from tools.shared.alarm_history import settled_log
 from tools.shared.calendar_option import MOMENT
-from tools.shared.german import recognised, told
 from tools.shared.named_cart import cart_language, folder_argument
 from tools.shared.profile_text import logged_limits_text
 from tools.shared.spoken import say, say_change

@@ -25,6 +25,7 @@ from appliance.storage.calibration_file import (
 )
 from drivers.errors import ConfigurationError
 from drivers.files.atomic_file import check_replaceable, check_writable
+from tools.german.translation import refusing_in, told
 from tools.recalibration.live_service import live_service, scan_live
 from tools.recalibration.paperwork import Begin, Signature, signed
 from tools.recalibration.paperwork import sign_off as signed_by_both
@@ -42,7 +43,6 @@ from tools.recalibration.terminal import words
 from tools.shared.calendar_option import DAY
 from tools.shared.crosswire_input import recorded, simulated
 from tools.shared.crosswire_whole import WholeOptions, solve_all, sound
-from tools.shared.german import refusing_in, told
 from tools.shared.interruption import stopped_saying
 from tools.shared.named_cart import cart_language, config_option, saying_how_to_start
 from tools.shared.sign_off import SignOff, user

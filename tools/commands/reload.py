@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from appliance.service.control.client import ControlClient
-from tools.shared.german import told
+from tools.german.translation import told
 from tools.shared.named_cart import cart_language, socket_option
 
 

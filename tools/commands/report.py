@@ -21,13 +21,13 @@ from appliance.storage.reference_store import HISTORY, History, content_of, read
 from appliance.storage.witnessed_log import named_reference
 from drivers.errors import ConfigurationError
 from drivers.files.atomic_file import PAGE_BEGINS, check_replaceable
+from tools.german.translation import told
 from tools.report.pdf import check_pdf, write_pdf
 from tools.report.period import PERIODS, Period, Summary, last_period, period, summary
 from tools.report.period_page import write_period_page
 from tools.selftest.records import read_self_tests
 from tools.shared.alarm_history import refuse_unreadable, settled_log
 from tools.shared.calendar_option import DAY
-from tools.shared.german import told
 from tools.shared.named_cart import cart_option
 
 _SELF_TESTS = "self-tests"

@@ -16,13 +16,13 @@ from appliance.service.control.client import ControlClient
 from drivers.errors import ConfigurationError, ProbewatchError
 from drivers.files.atomic_file import make_folder, replacing
 from drivers.printable import printable
+from tools.german.translation import confirmed, told
 from tools.selftest import items
 from tools.selftest.baseline import KEY, beside, chosen, first_use
 from tools.selftest.items import Item
 from tools.selftest.listed import print_items
 from tools.selftest.measured import Measured, measured
 from tools.selftest.records import read_self_tests, sealed
-from tools.shared.german import confirmed, told
 from tools.shared.interruption import stopped_saying
 from tools.shared.json_report import json_option, text_aside
 from tools.shared.named_cart import LOG, cart_says, socket_option

@@ -10,10 +10,10 @@ from rich.console import Console
 
 from appliance.core.quality.trend import Trend
 from appliance.storage.alarm_chain import Entry
+from tools.german.translation import recognised, told
 from tools.report.page import check_page
 from tools.report.trend_page import write_trend_page
 from tools.shared.alarm_history import settled_log, tell_damage
-from tools.shared.german import recognised, told
 from tools.shared.json_report import json_of, json_option
 from tools.shared.named_cart import cart_language, folder_argument
 from tools.shared.tables import FittingTable

@@ -12,10 +12,10 @@ from appliance.supervision.alarms import NOT_NOW
 from appliance.types import State
 from drivers.errors import ConfigurationError
 from drivers.files.atomic_file import check_writable, make_folder
+from tools.german.translation import recognised, refusing_in
 from tools.recalibration.paperwork import Begin, Signature
 from tools.recalibration.session import ScanSession
 from tools.recalibration.terminal import run
-from tools.shared.german import recognised, refusing_in
 from tools.shared.named_cart import SOCKET, named_or_own
 from tools.shared.spoken import language_of
 from tools.shared.status_watch import StatusWatch

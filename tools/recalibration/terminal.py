@@ -16,12 +16,12 @@ from rich.text import Text
 
 from appliance.service.control.server import ControlRefused
 from drivers.errors import ProbewatchError
+from tools.german.translation import confirmed, recognised, told
 from tools.recalibration.held_service import Asked
 from tools.recalibration.paperwork import Begin, Signature
 from tools.recalibration.phase import Phase
 from tools.recalibration.session import ScanSession
 from tools.shared.crosswire_review import comparison_table
-from tools.shared.german import confirmed, recognised, told
 from tools.shared.verification import with_motions
 
 _EVERY_S = 0.25

@@ -10,7 +10,7 @@ from appliance.crosswire.running import Running
 from appliance.crosswire.whole import WholeSolution
 from appliance.types import PARAMETERS, Calibration, Vector
 from drivers.rigid import vector_from_rotation
-from tools.shared.german import recognised, told
+from tools.german.translation import recognised, told
 from tools.shared.tables import FittingTable
 
 _UNITS = ("°",) * 3 + ("%",) * 2 + ("mm",) * 3

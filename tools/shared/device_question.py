@@ -11,8 +11,8 @@ import click
 from drivers.descriptor import Option
 from drivers.errors import ConfigurationError, ProbewatchError
 from drivers.registry import check_options, drivers, split_url
+from tools.german.translation import confirmed, recognised, tell_refused, told
 from tools.shared.driver_text import examples
-from tools.shared.german import confirmed, recognised, tell_refused, told
 from tools.shared.unit_sight import relative, unseen
 
 _WORDS = {

@@ -48,8 +48,9 @@ class LazyGroup(click.Group):
         try:
             return super().invoke(ctx)
         except ProbewatchError as error:
-            named_cart, german = (importlib.import_module(f"tools.shared.{name}") for name in ("named_cart", "german"))
-            german.tell_refused(error, named_cart.cart_language())
+            rooms = ("tools.shared.named_cart", "tools.german.translation")
+            named_cart, translation = map(importlib.import_module, rooms)
+            translation.tell_refused(error, named_cart.cart_language())
             raise
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:

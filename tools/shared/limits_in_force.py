@@ -7,7 +7,7 @@ from appliance.configuration.toml_lines import key_lines
 from appliance.core.parameters import QUANTITIES, never_shown
 from appliance.core.quality.check_fields import limits_fields
 from appliance.limits import PROFILES, Limits
-from tools.shared.german import told
+from tools.german.translation import told
 from tools.shared.profile_text import profile_text
 
 _LESS_IS_LOOSER = ("confidence_sigma",)

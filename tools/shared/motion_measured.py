@@ -12,7 +12,7 @@ from appliance.core.quality.accumulation import Accumulated, accumulated
 from appliance.storage.alarm_chain import Entry
 from appliance.types import PARAMETERS, Calibration
 from drivers.errors import ConfigurationError
-from tools.shared.german import recognised, told
+from tools.german.translation import recognised, told
 from tools.shared.tables import NOTHING
 from tools.shared.trend_table import estimates_of
 

@@ -8,7 +8,7 @@ import numpy as np
 from appliance.storage.image_to_probe import calibration_from_image_to_probe
 from appliance.types import Calibration
 from drivers.errors import ConfigurationError
-from tools.shared.german import recognised
+from tools.german.translation import recognised
 
 
 def recovered(status: dict[str, Any]) -> Calibration:

@@ -7,7 +7,7 @@ import click
 
 from appliance.core.quality.calibration_difference import Difference
 from appliance.storage.reference_store import Entry
-from tools.shared.german import recognised, told
+from tools.german.translation import recognised, told
 
 
 def entry_headings(language: str) -> tuple[str, ...]:

@@ -17,7 +17,7 @@ from rich.text import Text
 from appliance.service.control.status_fields import STATUS, Field
 from appliance.supervision.languages import translated, translated_text
 from appliance.types import Fault, State
-from tools.shared.german import lost_text, recognised, told
+from tools.german.translation import lost_text, recognised, told
 from tools.shared.gesture_drawings import drawn
 from tools.shared.plain_text import shown
 from tools.shared.point_text import WORDS as POINT_WORDS

@@ -8,7 +8,7 @@ from math import inf, isfinite
 from appliance.core.parameters import MEASURED, QUANTITIES, class_of
 from appliance.core.quality.trend import Estimate, Trend, trend
 from appliance.storage.alarm_chain import Entry, Event
-from tools.shared.german import recognised, told
+from tools.german.translation import recognised, told
 from tools.shared.tables import NOTHING
 
 HEADINGS = ("parameter", "estimates", "now", "limit", "since the first", "per day", "reaches the limit", "is")

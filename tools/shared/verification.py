@@ -15,7 +15,7 @@ from appliance.service.control.server import ControlRefused
 from appliance.supervision.alarms import HAZARDS, NOT_NOW, SIGNALS
 from appliance.types import Fault, Kind, State
 from drivers.errors import ConfigurationError, DeviceLost, ProbewatchError
-from tools.shared.german import confirmed, recognised, told
+from tools.german.translation import confirmed, recognised, told
 from tools.shared.interruption import stopped_saying
 from tools.shared.terminal import progress_bar
 

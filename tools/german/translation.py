@@ -1,9 +1,9 @@
-"""Says what commands print in the language of the cart. German comes from four tables: `german_texts`,
-`german_setup` and `german_questions` of commands, `appliance.supervision.languages` of what the service says, and
-tools/page/files/german.js of what a scan says.
+"""Says what commands print in the language of the cart. German comes from `texts`, `setup` and `questions` for
+commands, from `appliance.supervision.languages` for what the service says, and from tools/page/files/german.js for what
+a scan says.
 
 JSON, records, options and the names of faults stay English: programs rely on them. So does an error of which not all is
-in `german_errors`.
+in `errors`.
 """
 
 import json
@@ -17,10 +17,10 @@ import click
 
 from appliance.supervision.languages import GERMAN, Texts
 from drivers.errors import ProbewatchError
-from tools.shared.german_errors import GERMAN_OF_ERRORS
-from tools.shared.german_questions import GERMAN_OF_QUESTIONS
-from tools.shared.german_setup import GERMAN_OF_SETUP
-from tools.shared.german_texts import GERMAN_OF_TOOLS
+from tools.german.errors import GERMAN_OF_ERRORS
+from tools.german.questions import GERMAN_OF_QUESTIONS
+from tools.german.setup import GERMAN_OF_SETUP
+from tools.german.texts import GERMAN_OF_TOOLS
 
 _ALL = {**GERMAN, **GERMAN_OF_TOOLS, **GERMAN_OF_SETUP, **GERMAN_OF_QUESTIONS}
 _PAGE = Path(__file__).parents[1] / "page" / "files" / "german.js"

@@ -1,4 +1,4 @@
-"""German of what `check`, `log` and the questions before a change say of a cart as it was set up; as `german_texts`."""
+"""German of what `check`, `log` and the questions before a change say of a cart as it was set up; as `texts`."""
 
 GERMAN_OF_SETUP = {
     # check

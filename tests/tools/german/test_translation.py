@@ -15,13 +15,13 @@ from drivers.samples import Frame, Pose, PoseStatus, Stamp
 from tests.support.answering import Answering, recorded
 from tests.support.answers import answered
 from tests.tools.selftest.test_items import poses
+from tools.german.questions import GERMAN_OF_QUESTIONS
+from tools.german.setup import GERMAN_OF_SETUP
+from tools.german.texts import GERMAN_OF_TOOLS as GERMAN_OF_TEXTS
+from tools.german.translation import _of_page, confirmed, recognised, told
 from tools.selftest import items
 from tools.selftest.baseline import beside, chosen
 from tools.selftest.items import Item
-from tools.shared.german import _of_page, confirmed, recognised, told
-from tools.shared.german_questions import GERMAN_OF_QUESTIONS
-from tools.shared.german_setup import GERMAN_OF_SETUP
-from tools.shared.german_texts import GERMAN_OF_TOOLS as GERMAN_OF_TEXTS
 from tools.shared.interruption import Stopped, stopped_saying
 
 GERMAN_OF_TOOLS = {**GERMAN_OF_TEXTS, **GERMAN_OF_SETUP, **GERMAN_OF_QUESTIONS}
@@ -35,13 +35,12 @@ COMMANDS = re.compile(r"probewatch \w|docs/")
 def sources() -> Iterator[str]:
     for folder in SPEAKERS:
         for file in (ROOT / folder).glob("*.py"):
-            if file.name != "german.py":
-                yield file.read_text(encoding="utf-8")
+            yield file.read_text(encoding="utf-8")
 
 
 def told_texts() -> set[str]:
     """The first argument of every call of `told`, by itself or by a name that stands for it."""
-    speaking = [source for source in sources() if "from tools.shared.german import" in source]
+    speaking = [source for source in sources() if "from tools.german.translation import" in source]
     return {text for source in speaking for text in told_in(ast.parse(source))}
 
 

@@ -1,4 +1,4 @@
-"""German of the questions of `configure`; as `german_texts`."""
+"""German of the questions of `configure`; as `texts`."""
 
 GERMAN_OF_QUESTIONS = {
     "the scanner's picture": "das Bild des Ultraschallgeräts",

@@ -10,8 +10,8 @@ from appliance.storage.alarm_log import AlarmLog
 from drivers.errors import ConfigurationError, DeviceLost, ProbewatchError
 from tests.support.answering import Answering
 from tests.support.answers import answered
-from tools.shared.german import lost_text, tell_refused
-from tools.shared.german_errors import GERMAN_OF_ERRORS
+from tools.german.errors import GERMAN_OF_ERRORS
+from tools.german.translation import lost_text, tell_refused
 
 ROOT = Path(__file__).parents[3]
 OF_THE_SYSTEM = ("no such file or directory", "No such file or directory", "Permission denied")
@@ -20,7 +20,7 @@ OF_THE_SYSTEM = ("no such file or directory", "No such file or directory", "Perm
 def sources() -> Iterator[str]:
     for package in ("drivers", "appliance", "tools"):
         for file in (ROOT / package).rglob("*.py"):
-            if not file.name.startswith("german"):
+            if file.parent.name != "german":
                 yield file.read_text(encoding="utf-8")
 
 
