@@ -21,7 +21,7 @@ from appliance.storage.reference_store import HISTORY, History, content_of, read
 from appliance.storage.witnessed_log import named_reference
 from drivers.errors import ConfigurationError
 from drivers.files.atomic_file import PAGE_BEGINS, check_replaceable
-from tools.german.translation import told
+from tools.german.translation import lost_text, told
 from tools.report.pdf import check_pdf, write_pdf
 from tools.report.period import PERIODS, Period, Summary, last_period, period, summary
 from tools.report.period_page import write_period_page
@@ -88,9 +88,9 @@ def command(config_file: Path, kind: str, day: datetime | None, folder: Path, as
     found = summary(wanted, reading, self_tests.kept, now, () if history is None else history.entries)
     found.store_fault = store_fault
     language = config.alarm.language
-    click.echo(_chosen(wanted, found, day is None, language))
-    chosen = _chosen(wanted, found, day is None, "en")
-    write_period_page(page, cart, found, _dates(config, history), self_tests.faults, chosen)
+    chosen = _chosen(wanted, found, day is None, language)
+    click.echo(chosen)
+    write_period_page(page, cart, found, _dates(config, history), self_tests.faults, chosen, language)
     if pdf is not None:
         write_pdf(page, pdf)
     for file in (page, *([] if pdf is None else [pdf])):
@@ -103,7 +103,7 @@ def command(config_file: Path, kind: str, day: datetime | None, folder: Path, as
         click.secho(told(damaged, language), err=True)
     if store_fault:
         damaged = "the store of references is damaged, as the top of the report says: {why}"
-        click.secho(told(damaged, language, why=store_fault), err=True)
+        click.secho(told(damaged, language, why=lost_text(store_fault, language)), err=True)
     if reading.broken or store_fault:
         sys.exit(65)
 

@@ -47,18 +47,17 @@ def command(folder: Path, reference: int | None, html_path: Path | None, as_json
     entries = reading.entries
     number = reference if reference is not None else _latest(entries)
     found = {} if number is None else trends(entries, number)
-    rows = [row_of(*one) for one in found.items()]
+    headings = [recognised(heading, language) for heading in HEADINGS]
+    rows = [row_of(*one, language) for one in found.items()]
     if as_json:
         click.echo(json_of({"reference": number, "parameters": [_fields(*one) for one in found.items()]}))
     elif found:
         styles = ["yellow" if one.moving or one.near else "" for one in found.values()]
-        headings = [recognised(heading, language) for heading in HEADINGS]
-        shown = [row_of(*one, language) for one in found.items()]
-        Console(highlight=False).print(FittingTable(headings, shown, styles, right_from=1), crop=False)
+        Console(highlight=False).print(FittingTable(headings, rows, styles, right_from=1), crop=False)
     else:
         click.echo(_nothing(folder, number, references_of(entries), language))
     if html_path is not None:
-        write_trend_page(html_path, number, found, {name: unit_of(name) for name in found}, HEADINGS, rows)
+        write_trend_page(html_path, number, found, {name: unit_of(name) for name in found}, headings, rows, language)
         click.echo(told("written: {file}", language, file=html_path), err=as_json)
     tell_damage(reading)
     sys.exit(65 if reading.broken else _code(found))

@@ -1,4 +1,4 @@
-"""German of what `reload`, `self-test`, `report`, `trend`, `calibration` and `recalibrate` print: one table, from the
+"""German of what `reload`, `self-test`, `trend`, `calibration` and `recalibrate` print: one table, from the
 English text or its template.
 """
 
@@ -371,27 +371,6 @@ GERMAN_OF_TOOLS = {
     ),
     "the service has verified the new calibration and monitors again; it is in force, also after a restart": (
         "der Dienst hat die neue Kalibrierung bestätigt und überwacht wieder; sie bleibt nach einem Neustart in Kraft"
-    ),
-    # report
-    "day": "Tag",
-    "week": "Woche",
-    "month": "Monat",
-    "Report of the {kind} {name}, as asked for with --of": "Bericht, {kind} {name}, wie mit --of verlangt",
-    "Report of the {kind} {name}, which is not over, as asked for with --of": (
-        "Bericht, {kind} {name}, noch nicht zu Ende, wie mit --of verlangt"
-    ),
-    "Report of the last {kind} that is over, {name}, as no day was named with --of": (
-        "Bericht, {kind} {name}, als Letztes zu Ende, da mit --of kein Tag genannt wurde"
-    ),
-    "The alarm log begins after it, on {since}: --of {since} reports that {kind}": (
-        "Das Alarmprotokoll beginnt danach, am {since}: --of {since} zeigt es ({kind})"
-    ),
-    "written: {file}, signed {signature}": "geschrieben: {file}, Signatur {signature}",
-    "the alarm log is damaged, as the top of the report says; see: probewatch log --verify": (
-        "das Alarmprotokoll ist beschädigt, wie oben im Bericht steht; siehe: probewatch log --verify"
-    ),
-    "the store of references is damaged, as the top of the report says: {why}": (
-        "der Speicher der Referenzen ist beschädigt, wie oben im Bericht steht: {why}"
     ),
 }
 """Some keys are texts of the commands, which `told` fills in; others are recognised in what was made elsewhere, such as

@@ -1,6 +1,6 @@
-"""Says what commands print in the language of the cart. German comes from `texts`, `setup` and `questions` for
-commands, from `appliance.supervision.languages` for what the service says, and from tools/page/files/german.js for what
-a scan says.
+"""Says what commands print in the language of the cart. German comes from `texts`, `setup`, `questions` and `reports`
+of commands, `appliance.supervision.languages` of what the service says, and tools/page/files/german.js of what a scan
+says.
 
 JSON, records, options and the names of faults stay English: programs rely on them. So does an error of which not all is
 in `errors`.
@@ -10,6 +10,7 @@ import json
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
@@ -19,10 +20,11 @@ from appliance.supervision.languages import GERMAN, Texts
 from drivers.errors import ProbewatchError
 from tools.german.errors import GERMAN_OF_ERRORS
 from tools.german.questions import GERMAN_OF_QUESTIONS
+from tools.german.reports import GERMAN_OF_REPORTS
 from tools.german.setup import GERMAN_OF_SETUP
 from tools.german.texts import GERMAN_OF_TOOLS
 
-_ALL = {**GERMAN, **GERMAN_OF_TOOLS, **GERMAN_OF_SETUP, **GERMAN_OF_QUESTIONS}
+_ALL = {**GERMAN, **GERMAN_OF_TOOLS, **GERMAN_OF_SETUP, **GERMAN_OF_QUESTIONS, **GERMAN_OF_REPORTS}
 _PAGE = Path(__file__).parents[1] / "page" / "files" / "german.js"
 _YES, _NO = ("j", "ja", "y", "yes"), ("n", "nein", "no")
 
@@ -41,6 +43,21 @@ def recognised(text: str, language: str) -> str:
         return text
     said = _texts().translated(text)
     return said if said != text else _of_page(text)
+
+
+@dataclass(frozen=True, slots=True)
+class Speech:
+    """One language, for what says many texts in it."""
+
+    language: str
+
+    def tell(self, text: str, /, **fields: object) -> str:
+        """As `told`."""
+        return told(text, self.language, **fields)
+
+    def recognise(self, text: str) -> str:
+        """As `recognised`."""
+        return recognised(text, self.language)
 
 
 @contextmanager
@@ -73,6 +90,18 @@ def lost_text(text: str, language: str) -> str:
         if language != "en" and None not in parts:
             return text[: colon.end()] + ". ".join(filter(None, parts))
     return text
+
+
+def damage_text(text: str, language: str) -> str:
+    """Returns what is wrong with the alarm log, "file line 3: what", in the language; English as a whole where it
+    cannot be told whole in it.
+    """
+    where, _, what = text.partition(": ")
+    said = recognised(what, language)
+    if language == "en" or said == what:
+        return text
+    file, line, number = where.rpartition(" line ")
+    return f"{file} {told('line {number}', language, number=number)}: {said}" if line else f"{where}: {said}"
 
 
 def _error_text(text: str, language: str) -> str | None:

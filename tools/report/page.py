@@ -48,10 +48,12 @@ def check_page(path: Path | None) -> None:
     check_replaceable(path, PAGE_BEGINS)
 
 
-def write_page(path: Path, title: str, parts: Iterable[str]) -> None:
-    """One HTML file that loads nothing from anywhere. Raises ConfigurationError where it cannot be written."""
+def write_page(path: Path, title: str, parts: Iterable[str], language: str = "en") -> None:
+    """One HTML file that loads nothing from anywhere, with its text in that language. Raises ConfigurationError where
+    it cannot be written.
+    """
     head = (
-        f"{PAGE_BEGINS.decode()}<html lang=en><head><meta charset=utf-8><title>{html.escape(title)}</title>"
+        f"{PAGE_BEGINS.decode()}<html lang={language}><head><meta charset=utf-8><title>{html.escape(title)}</title>"
         '<meta name=viewport content="width=device-width">'
         f'<meta http-equiv="Content-Security-Policy" content="{_ALLOWED}">'
         f"<style>{_STYLE}</style></head><body><main>"

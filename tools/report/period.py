@@ -98,7 +98,7 @@ class Summary:
     """made: when the report was. shares_s: state → seconds. by_part: the same for each day, of a day for each
     hour, in order. requests: what was asked, how often.
 
-    software, limits: (UTC, what was in force from then on).
+    software: (UTC, what was in force from then on). limits: entries of the log, each of what was held to from then on.
 
     in_force: references that were in force at some time of it, by the store, oldest first; a cart's first one comes in
     force without a word in the log. begins: first entry of the log, None without one. damages: of the whole log, in
@@ -118,7 +118,7 @@ class Summary:
     references: list[Entry] = field(default_factory=list)
     in_force: list[InForce] = field(default_factory=list)
     software: list[tuple[str, str]] = field(default_factory=list)
-    limits: list[tuple[str, str]] = field(default_factory=list)
+    limits: list[Entry] = field(default_factory=list)
     starts: int = 0
     begins: datetime | None = None
     damages: list[str] = field(default_factory=list)
@@ -174,7 +174,7 @@ def summary(
         if at < wanted.start and entry.event == Event.STARTED:
             found.software = [(entry.utc, str(entry.data.get("software", "?")))]
         if at < wanted.start and entry.event in _HAS_LIMITS:
-            found.limits = [(entry.utc, _limits(entry))]
+            found.limits = [entry]
         elif wanted.start <= at < end:
             _note(found, entry)
     found.overloads = [one for one in _overloads(reading.entries, end) if _meets(one, wanted.start, end)]
@@ -279,8 +279,8 @@ def _alarm(within: Sequence[tuple[datetime, datetime, Entry]], until: datetime, 
 
 def _note(found: Summary, entry: Entry) -> None:
     found.simulated = found.simulated or bool(entry.data.get("simulated"))
-    if entry.event in _HAS_LIMITS and (not found.limits or found.limits[-1][1] != _limits(entry)):
-        found.limits.append((entry.utc, _limits(entry)))
+    if entry.event in _HAS_LIMITS and (not found.limits or limits_text(found.limits[-1]) != limits_text(entry)):
+        found.limits.append(entry)
     if entry.event == Event.REQUEST:
         found.requests[str(entry.data.get("do"))] += 1
     elif entry.event == Event.REFERENCE:
@@ -294,9 +294,9 @@ def _note(found: Summary, entry: Entry) -> None:
         found.chains += entry.number > 1
 
 
-def _limits(entry: Entry) -> str:
-    """Limits as the entry has them; those of earlier versions have none."""
-    return logged_limits_text(entry.data) or "limits: not logged by that version"
+def limits_text(entry: Entry, language: str = "en") -> str:
+    """Limits as the entry has them; empty for those of earlier versions, which have none."""
+    return logged_limits_text(entry.data, language).partition(": ")[2]
 
 
 def _time(entry: Entry) -> datetime:

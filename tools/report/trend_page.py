@@ -1,9 +1,11 @@
 """The page of a trend: each parameter's weighted mean over days, its control limits, and the limit of its check."""
 
+import html
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from appliance.core.quality.trend import DAY_S, Trend
+from tools.german.translation import Speech
 from tools.report.page import section, table, text, write_page
 from tools.report.svg import Plot
 
@@ -15,26 +17,33 @@ def write_trend_page(
     units: Mapping[str, str],
     headings: Sequence[str],
     rows: Sequence[Sequence[str]],
+    language: str = "en",
 ) -> None:
-    """Writes the page of trends. units: of each parameter; rows: as the command prints them. Raises ConfigurationError
-    for a bad path.
+    """Writes the page of trends in the language. units: of each parameter; headings, rows: as the command prints them.
+    Raises ConfigurationError for a bad path.
     """
+    speech = Speech(language)
+    number = reference if reference is not None else "–"
+    plots = (_plot(name, one, units[name], speech) for name, one in trends.items() if one.estimates)
+    legend = "Line: weighted mean. Band: its control limits. Dashed: the limit of the check."
     parts = [
-        f"<h1>Trend under reference {reference if reference is not None else '–'}</h1>",
-        text("Line: weighted mean. Band: its control limits. Dashed: the limit of the check.", "note"),
-        section("Now", table(headings, rows)),
-        section("Over days", *(_plot(name, one, units[name]) for name, one in trends.items() if one.estimates)),
+        f"<h1>{html.escape(speech.tell('Trend under reference {number}', number=number))}</h1>",
+        text(speech.tell(legend), "note"),
+        section(speech.tell("Now"), table(headings, rows)),
+        section(speech.tell("Over days"), *plots),
     ]
-    write_page(path, "probewatch: trend", parts)
+    write_page(path, speech.tell("probewatch: trend"), parts, language)
 
 
-def _plot(name: str, one: Trend, unit: str) -> str:
+def _plot(name: str, one: Trend, unit: str, speech: Speech) -> str:
     first_s = one.estimates[0].utc_s
     days = [(estimate.utc_s - first_s) / DAY_S for estimate in one.estimates]
-    plot = Plot((0.0, max(days[-1], 1e-3)), (-1.2 * one.limit, 1.2 * one.limit), "days", f"{name}, {unit}", 180)
+    said, high = speech.recognise(name), 1.2 * one.limit
+    figure = f"{said}, {speech.recognise(unit)}"
+    plot = Plot((0.0, max(days[-1], 1e-3)), (-high, high), speech.tell("days"), figure, 180)
     plot.band(days, one.low.tolist(), one.high.tolist(), "a")
-    plot.line(days, [estimate.value for estimate in one.estimates], "b", "estimates")
-    plot.line(days, one.mean.tolist(), "a", "weighted mean")
+    plot.line(days, [estimate.value for estimate in one.estimates], "b", speech.tell("estimates"))
+    plot.line(days, one.mean.tolist(), "a", speech.tell("weighted mean"))
     for limit in (one.limit, -one.limit):
         plot.level(limit)
-    return plot.svg(f"{name} over days")
+    return plot.svg(speech.tell("{parameter} over days", parameter=said))

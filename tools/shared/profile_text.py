@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from appliance.supervision.languages import translated
+from tools.german.translation import told
 
 WORDS = {"limits": "limits: {profile}", "limits but": "limits: {profile}, but for {beside}"}
 
@@ -14,7 +15,10 @@ def profile_text(limits: Mapping[str, Any] | None, language: str = "en") -> str:
     """
     if limits is None:
         return ""
-    profile, beside = limits["profile"], ", ".join(_named(name, value) for name, value in limits["beside"].items())
+    profile, beside = (
+        limits["profile"],
+        ", ".join(_named(name, value, language) for name, value in limits["beside"].items()),
+    )
     return translated(WORDS["limits but" if beside else "limits"], language).format(profile=profile, beside=beside)
 
 
@@ -32,8 +36,8 @@ def is_usual(limits: Mapping[str, Any] | None) -> bool:
     return limits is None or (limits["profile"] == "coarse" and not limits["beside"])
 
 
-def _named(name: str, value: Any) -> str:
+def _named(name: str, value: Any, language: str) -> str:
     """Returns a limit with its value; a limit with several values is named only."""
     if value is None:
-        return f"no {name}"
+        return told("no {name}", language, name=name)
     return name if isinstance(value, dict) else f"{name} {value:g}"

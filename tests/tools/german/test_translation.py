@@ -16,6 +16,7 @@ from tests.support.answering import Answering, recorded
 from tests.support.answers import answered
 from tests.tools.selftest.test_items import poses
 from tools.german.questions import GERMAN_OF_QUESTIONS
+from tools.german.reports import GERMAN_OF_REPORTS
 from tools.german.setup import GERMAN_OF_SETUP
 from tools.german.texts import GERMAN_OF_TOOLS as GERMAN_OF_TEXTS
 from tools.german.translation import _of_page, confirmed, recognised, told
@@ -24,10 +25,11 @@ from tools.selftest.baseline import beside, chosen
 from tools.selftest.items import Item
 from tools.shared.interruption import Stopped, stopped_saying
 
-GERMAN_OF_TOOLS = {**GERMAN_OF_TEXTS, **GERMAN_OF_SETUP, **GERMAN_OF_QUESTIONS}
+TABLES = (GERMAN_OF_TEXTS, GERMAN_OF_SETUP, GERMAN_OF_QUESTIONS, GERMAN_OF_REPORTS)
+GERMAN_OF_TOOLS = {text: german for table in TABLES for text, german in table.items()}
 ROOT = Path(__file__).parents[3]
 SPEAKERS = ("tools/commands", "tools/recalibration", "tools/selftest", "tools/shared", "appliance/storage")
-SPEAKERS += ("appliance/service/control", "drivers/trackers/ndi")
+SPEAKERS += ("tools/report", "appliance/service/control", "drivers/trackers/ndi")
 COMMANDS = re.compile(r"probewatch \w|docs/")
 """What is a command or a page and has no German of its own."""
 
@@ -72,8 +74,7 @@ def test_every_text_that_is_told_has_its_german_with_the_same_fields() -> None:
     for english, german in GERMAN_OF_TOOLS.items():
         assert sorted(re.findall(r"{[^}]*}", english)) == sorted(re.findall(r"{[^}]*}", german)), english
     assert set(GERMAN) & set(GERMAN_OF_TOOLS) == set(), "one translation each"
-    tables = (GERMAN_OF_TEXTS, GERMAN_OF_SETUP, GERMAN_OF_QUESTIONS)
-    assert len(GERMAN_OF_TOOLS) == sum(map(len, tables)), "one translation each"
+    assert len(GERMAN_OF_TOOLS) == sum(map(len, TABLES)), "one translation each"
 
 
 def test_the_page_has_the_same_german_for_the_same_text() -> None:
@@ -86,7 +87,9 @@ def test_nothing_is_translated_that_nobody_says() -> None:
     said = " ".join(re.sub(r'"\s*\n?\s*f?"', "", source) for source in sources())
     for english in GERMAN_OF_TOOLS:
         pieces = [
-            piece for piece in re.split(r"{\w+}|[,():;]|^(?:video|tracker) ", english) if re.search("[a-z]{3}", piece)
+            piece
+            for piece in re.split(r"{\w+}(?:\.json)?|[,():;]|^(?:video|tracker) ", english)
+            if re.search("[a-z]{3}", piece)
         ]
         assert all(piece.strip(" /%°±.?") in said for piece in pieces), english
 

@@ -17,7 +17,7 @@ from drivers.errors import ConfigurationError
 from tests.appliance.configuration.test_config import GOOD
 from tests.tools.report.test_period import MONTH, NOW, START, logged, state
 from tools.commands.report import command
-from tools.report.period import last_period, period, summary
+from tools.report.period import last_period, limits_text, period, summary
 
 
 @pytest.fixture
@@ -168,12 +168,8 @@ def test_the_limits_that_an_ok_was_held_to_are_told_with_their_time(tmp_path: Pa
         (21.0, "reloaded", {"file": "/etc/p.toml", "limits": 7}),
     ]
     found = summary(period("month", START), read_log(logged(tmp_path, entries)), [], NOW)
-    assert [said for _, said in found.limits] == [
-        "limits: not logged by that version",
-        "limits: clinical",
-        "limits: clinical, but for scale_percent 2",
-        "limits: not logged by that version",
-    ]
+    assert [limits_text(entry) for entry in found.limits] == ["", "clinical", "clinical, but for scale_percent 2", ""]
+    assert limits_text(found.limits[2], "de") == "clinical, außer scale_percent 2"
 
 
 def test_a_first_calibration_is_not_said_to_have_come_in_force_never(cart: Path) -> None:
