@@ -73,6 +73,10 @@ class BumpDetector(Protocol):
         """A person has checked the sensor. Between reads only. Raises DeviceLost, ProtocolError."""
 
 
+BUMPED = "was bumped"
+"""In a remark, or the reason of a pose, of a BumpDetector for as long as the blow stands."""
+
+
 class AlarmOutput(_Device, Protocol):
     """One contact in the scanner room: energised means safe."""
 

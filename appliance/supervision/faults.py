@@ -185,10 +185,10 @@ FAULT_ROWS: Mapping[Fault, FaultRow] = {
     ),
     Fault.TRACKER_ALERT: FaultRow(
         DEVICE,
-        en=Texts("Tracker reports a fault", "See its remarks; check a bumped sensor, clear it"),
+        en=Texts("Tracker reports a fault", "See its remarks; after a bump check the sensor, 'probewatch ack --bump'"),
         de=Texts(
             "Tracker meldet einen Fehler",
-            "Hinweise lesen; nach einem Stoß Sensor prüfen, dann löschen",
+            "Hinweise lesen; nach Stoß Sensor prüfen, 'probewatch ack --bump'",
             checks={"tracker alert": "Trackermeldung"},
         ),
         device=Device.TRACKER,

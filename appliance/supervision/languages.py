@@ -26,6 +26,9 @@ GERMAN = {text: german for row in FAULT_ROWS.values() for text, german in row.tr
     "Calibration has expired: 'probewatch recalibrate --live'": (
         "Kalibrierung ist abgelaufen: 'probewatch recalibrate --live'"
     ),
+    "Check the tracker's position sensor; then 'probewatch ack --bump'": (
+        "Positionssensor des Trackers prüfen; dann 'probewatch ack --bump'"
+    ),
     "Calibration verified": "Kalibrierung bestätigt",
     "by earlier motion": "durch frühere Bewegung",
     "in part by earlier motion": "teils durch frühere Bewegung",

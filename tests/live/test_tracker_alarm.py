@@ -51,7 +51,7 @@ def test_a_bump_opens_the_contact_until_it_is_cleared_over_the_control_socket(ca
     show(cart)
     status = cart.wait_for("device lost")
     assert status["remarks"][0] == BUMPED
-    assert "clear it" in status["remedy"]
+    assert "probewatch ack --bump" in status["remedy"]
     with ControlClient(cart.socket) as client:
         client.clear_bump()
     assert BUMPED not in cart.wait_for("monitoring")["remarks"]

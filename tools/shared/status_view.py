@@ -17,6 +17,7 @@ from rich.text import Text
 from appliance.service.control.status_fields import STATUS, Field
 from appliance.supervision.languages import translated, translated_text
 from appliance.types import Fault, State
+from drivers.device_api import BUMPED
 from tools.german.translation import lost_text, recognised, told
 from tools.shared.gesture_drawings import drawn
 from tools.shared.plain_text import shown
@@ -51,8 +52,7 @@ WORDS = {
 }
 """Every word of the picture that the service does not say itself."""
 
-_BUMPED = "was bumped"
-"""In the remark of a tracker whose position sensor took a blow: it stands until a person has looked."""
+_CLEARS_BUMP = "probewatch ack --bump"
 _LOOKED_AT = "once the position sensor was looked at: probewatch ack --bump"
 
 _BAR_CELLS = 9
@@ -274,11 +274,17 @@ def _remarks(status: Status) -> list[Text]:
         *status["notices"],
         *([f"recalibration: {given_up}"] if given_up else []),
         *(recognised(remark, language) for remark in status["remarks"]),
-        *([told(_LOOKED_AT, language)] if any(_BUMPED in remark for remark in status["remarks"]) else []),
+        *([told(_LOOKED_AT, language)] if _waits_for_a_look(status) else []),
         *lost,
         *ended,
     ]
     return [Text(shown(f"! {line}"), style="yellow") for line in said]
+
+
+def _waits_for_a_look(status: Status) -> bool:
+    """Whether the tracker was bumped, and the remedy does not say what ends that, as while another device is lost."""
+    bumped = any(BUMPED in remark for remark in status["remarks"])
+    return bumped and _CLEARS_BUMP not in status["remedy"]
 
 
 def _origin(status: Status) -> list[Text]:

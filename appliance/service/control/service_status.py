@@ -29,6 +29,7 @@ from appliance.service.host.host_watch import HostWatch
 from appliance.service.host.recorder import Recorder
 from appliance.supervision.annunciator import Annunciator
 from appliance.types import State
+from drivers.device_api import BUMPED
 
 
 class ServiceStatus:
@@ -66,9 +67,11 @@ class ServiceStatus:
         rivals = () if seen.verdict is None else seen.verdict.rivals
         asked = gestures([rival.check.name for rival in rivals] or lacking)
         step = self._references.next_step
+        remarks = self._devices.tracker.remarks
+        bumped = any(BUMPED in remark for remark in remarks)
         return {
             "t_ns": now_ns,
-            **alarm_fields(now_ns, seen.alarm, config.alarm.language, config.simulated, asked, shown_now, step),
+            **alarm_fields(now_ns, seen.alarm, config.alarm.language, config.simulated, asked, shown_now, step, bumped),
             **origin_fields(config, self._configuration.file, self._references),
             "recalibration": self._hold.fields(peer, now_ns, seen.recalibrating, seen.alarm.state is State.MONITORING),
             "language": config.alarm.language,
@@ -84,7 +87,7 @@ class ServiceStatus:
             "alarms": dict(seen.alarms),
             "estimator": self._estimator.ended,
             "feed": {"refused": self._feed.refused, **self._feed.counts._asdict()},
-            "remarks": list(self._devices.tracker.remarks),
+            "remarks": list(remarks),
             "fps": self._devices.fps,
             **self._host.fields(now_ns),
             "counters": self._counters(),

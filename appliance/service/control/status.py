@@ -16,9 +16,10 @@ from appliance.service.devices.output_thread import OutputThread
 from appliance.service.host.recorder import Recorder
 from appliance.storage.image_to_probe import image_to_probe
 from appliance.storage.reference import Reference
-from appliance.supervision.alarms import EARLIER, HAZARDS, PARTLY_EARLIER, SIGNALS, operator_text
+from appliance.supervision.alarms import CHECK_BUMPED, EARLIER, HAZARDS, PARTLY_EARLIER, SIGNALS, operator_text
 from appliance.supervision.audio import Sound
 from appliance.supervision.languages import translated
+from appliance.supervision.supervisor import LATCHED
 from appliance.types import AlarmState, Check, Fault, State, Verdict
 
 NONE: Mapping[str, Shown] = MappingProxyType({})
@@ -87,10 +88,11 @@ def alarm_fields(
     wanted: Sequence[Gesture] = (),
     shown_now: Mapping[str, Shown] = NONE,
     next_step: str = "",
+    bumped: bool = False,
 ) -> dict[str, Any]:
     """What is shown in the room, in its language. simulated: URLs of the sources that are no real device. wanted:
     motion that is still asked for. shown_now: of `shown_of_each`. next_step: of the reference, before which no motion
-    helps.
+    helps. bumped: the tracker waits for a person to look at its position sensor.
     """
     text, remedy = operator_text(alarm.state, alarm.fault, language, Fault.OVERLOADED in alarm.notices)
     text += _carried_by(alarm, shown_now, language)
@@ -102,6 +104,8 @@ def alarm_fields(
     if shows and next_step:
         remedy = translated(next_step, language)
         reason = next_step if reason == signal.remedy else reason
+    if bumped and (alarm.state in LATCHED or alarm.fault is Fault.TRACKER_ALERT):
+        remedy = translated(CHECK_BUMPED, language)
     return {
         "state": alarm.state.value,
         "text": f"{_SIMULATED[language] if simulated else ''}{text}",

@@ -15,6 +15,7 @@ from appliance.limits import Limits
 from appliance.storage.alarm_chain import Event
 from appliance.supervision.alarms import (
     BEHIND,
+    CHECK_BUMPED,
     DISTURBED,
     EARLIER,
     EXPIRED_CALIBRATION,
@@ -74,7 +75,7 @@ def test_nothing_is_translated_that_nobody_says() -> None:
     tables = {text for row in SIGNALS.values() for text in (row.text, row.remedy)}
     tables |= {text for row in FAULT_ROWS.values() for text in row.translations()}
     words = {*WORDS.values(), *(state.value for state in State), OUTDATED, BEHIND, DISTURBED, EARLIER, PARTLY_EARLIER}
-    words |= {NO_CALIBRATION, EXPIRED_CALIBRATION, *SPOKEN.values(), *LOGGED}
+    words |= {NO_CALIBRATION, EXPIRED_CALIBRATION, CHECK_BUMPED, *SPOKEN.values(), *LOGGED}
     reasons = {text for text in GERMAN if "{" in text and text not in words}
     units = {"deg", "axes"}
     said = {"calibration verified", "verified only in parts", "Probe on tissue", BROKE}
