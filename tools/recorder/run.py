@@ -14,7 +14,7 @@ import struct
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from datetime import UTC, datetime, timedelta
 from importlib.metadata import version
 from pathlib import Path
@@ -64,11 +64,7 @@ class RecorderService:
             remedy = "Set [feed] offered = true and reload the service"
             raise ConfigurationError("the service offers no feed to record", "[feed]", remedy)
         self._feed_path, self._onlookers = config.feed_socket, Onlookers.of(config).refused
-        with _needing("folder", self._settings.folder):
-            self._lock = _locked(self._settings.folder)
-            self.recorder = _recorder(config, say)
-        with _needing("socket", self._settings.socket):
-            self._listener = listening(self._settings.socket, config.control.group, 8)
+        self._lock, self._listener, self.recorder = _begun(config, say)
         self._listener.settimeout(_AGAIN_S)
         self._tasks: queue.Queue[_Task] = queue.Queue(_QUEUED)
         self._ended = threading.Event()
@@ -224,9 +220,27 @@ def _needing(key: str, path: Path) -> Iterator[None]:
         raise ConfigurationError(f"cannot be used ({error})", f"[recorder] {key} = {str(path)!r}", remedy) from None
 
 
+def _begun(config: Config, say: Callable[[str], None]) -> tuple[int, socket.socket, Recorder]:
+    """Returns lock, socket and what writes. A folder that is there is locked before the socket of a recorder at work is
+    replaced; nothing is made in a folder, or the folder itself, before the socket is there. Raises ConfigurationError.
+    """
+    folder, own = config.recorder.folder, config.recorder.socket
+    with ExitStack() as begun:
+        with _needing("folder", folder):
+            lock = _locked(folder) if folder.is_dir() else None
+        with _needing("socket", own):
+            listener = begun.enter_context(listening(own, config.control.group, 8))
+        begun.callback(own.unlink, missing_ok=True)
+        with _needing("folder", folder):
+            make_folder(folder, 0o750)
+            lock = _locked(folder) if lock is None else lock
+            recorder = _recorder(config, say)
+        begun.pop_all()
+        return lock, listener, recorder
+
+
 def _locked(folder: Path) -> int:
     """Descriptor of a lock that another recorder of this folder would hold. Raises OSError."""
-    make_folder(folder, 0o750)
     try:
         return held_lock(folder / ".lock")
     except BlockingIOError:

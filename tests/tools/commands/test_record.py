@@ -13,6 +13,7 @@ from click.testing import CliRunner
 
 from appliance.configuration.config import load_config
 from appliance.service.control.server import ControlRefused
+from drivers.errors import ConfigurationError
 from tests.appliance.configuration.test_config import GOOD
 from tests.support.answers import answered
 from tools.commands.record import command, told
@@ -101,6 +102,37 @@ def test_of_folder_and_socket_the_one_that_cannot_be_used_is_named(tmp_path: Pat
     asked = str(CliRunner().invoke(command, ["status", "--config", str(config)]).exception)
     assert re.search(r"no recorder answers \((no such file or|not a) directory\)", asked), asked
     assert "Errno" not in asked
+
+
+@pytest.mark.parametrize("there", [True, False])
+def test_a_start_that_fails_makes_no_folder(tmp_path: Path, there: bool) -> None:
+    """It left an empty one behind, with a lock in it, that of the first try and of no recording."""
+    boxes, config = tmp_path / "boxes", tmp_path / "cart.toml"
+    config.write_text(f'{GOOD}[recorder]\nfolder = "{boxes}"\nsocket = "{tmp_path}/none/x"\n')
+    if there:
+        boxes.mkdir()
+    assert "socket" in str(CliRunner().invoke(command, ["--config", str(config)]).exception)
+    assert [one.name for one in boxes.glob("*")] == ([".lock"] if there else [])
+    assert boxes.exists() is there
+
+
+def test_a_second_recorder_leaves_the_first_its_socket(tmp_path: Path) -> None:
+    config = tmp_path / "cart.toml"
+    config.write_text(f'{GOOD}[recorder]\nfolder = "{tmp_path}/boxes"\nsocket = "{tmp_path}/recorder"\n')
+    with RecorderService(load_config(config), lambda _: None):
+        own = (tmp_path / "recorder").stat().st_ino
+        with pytest.raises(ConfigurationError, match="another recorder writes there"):
+            RecorderService(load_config(config))
+        assert (tmp_path / "recorder").stat().st_ino == own
+
+
+def test_a_folder_that_cannot_be_used_leaves_no_socket(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    config = tmp_path / "cart.toml"
+    config.write_text(f'{GOOD}[recorder]\nfolder = "{tmp_path}/file/x"\nsocket = "{tmp_path}/recorder"\n')
+    with pytest.raises(ConfigurationError, match="folder"):
+        RecorderService(load_config(config))
+    assert not (tmp_path / "recorder").exists()
 
 
 def test_a_stretch_that_is_started_or_stopped_twice_is_told_in_words_and_no_lost_recorder(tmp_path: Path) -> None:
