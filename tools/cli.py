@@ -1,13 +1,13 @@
 """The `probewatch` command: finds the subcommand, and turns every known refusal into one line and an exit code."""
 
 import errno
+import importlib
 import os
 import sys
 
 import click
 
 from drivers.errors import EXHAUSTED, ConfigurationError, ProbewatchError
-from tools.shared.bare_option import with_what_it_takes
 from tools.shared.lazy_group import LazyGroup
 from tools.shared.plain_text import speak_plainly
 from tools.shared.terminal import guard_terminal
@@ -90,11 +90,9 @@ def main() -> None:
     except ProbewatchError as error:
         click.echo(f"probewatch: {error}", err=True)
         sys.exit(error.exit_code)
-    except click.BadOptionUsage as error:
-        with_what_it_takes(error, probewatch, sys.argv[1:]).show()
-        sys.exit(error.exit_code)
     except click.ClickException as error:
-        error.show()
+        usage_error = importlib.import_module("tools.shared.usage_error")  # what no command needs that is well typed
+        usage_error.show_usage_error(error, probewatch, sys.argv[1:])
         sys.exit(error.exit_code)
     except OSError as error:
         _end_refused(error)

@@ -2,6 +2,7 @@
 folders are derived from its configuration; options that name one of them go before it.
 """
 
+import os
 from collections.abc import Callable
 from functools import wraps
 from pathlib import Path
@@ -106,7 +107,11 @@ def cart_says(section: str, key: str) -> Path | None:
 
 def cart_language() -> str:
     """Returns the language of the command's cart by its configuration, English where that states none."""
-    file = click.get_current_context().meta.get(NAMED) or CONFIG
+    return language_in(click.get_current_context().meta.get(NAMED) or Path(os.environ.get(ENVIRONMENT) or CONFIG))
+
+
+def language_in(file: Path) -> str:
+    """Returns the language of the cart by that configuration, English where that states none."""
     try:
         said = toml_of(read_bounded(file, _MOST_BYTES), _MOST_BYTES).get("alarm", {}).get("language")
     except (OSError, ValueError, AttributeError):

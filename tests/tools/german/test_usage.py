@@ -1,0 +1,50 @@
+"""The German of refused command lines is that of texts which click or a command says, with the same fields."""
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import click
+
+from tools.german.usage import GERMAN_OF_USAGE, usage_text
+
+TOOLS = Path(__file__).parents[3] / "tools"
+FOLDERS = (TOOLS / "commands", TOOLS / "shared", TOOLS / "recalibration", Path(click.__file__).parent)
+
+
+def sources() -> Iterator[str]:
+    for folder in FOLDERS:
+        for file in folder.glob("*.py"):
+            yield file.read_text(encoding="utf-8")
+
+
+def test_each_text_has_the_same_fields() -> None:
+    for english, german in GERMAN_OF_USAGE.items():
+        assert sorted(re.findall(r"{\w+}", english)) == sorted(re.findall(r"{\w+}", german)), english
+
+
+def test_nothing_is_translated_that_nobody_says() -> None:
+    """Click puts a kind and a type of number into its own."""
+    said = " ".join(re.sub(r'"\s*\n?\s*f?"', "", source) for source in sources()).replace("Choose from:\\n", "")
+    for english in GERMAN_OF_USAGE:
+        bare = re.sub(r"^(?:File|Directory|Path) |(?<=a valid )[a-z ]+\.$", "", english)
+        split = re.split(r"{\w+}(?: is not )?|[:,;]|\. ", bare)
+        pieces = [one.strip(" .?()") for one in split if re.search("[a-z]{3}", one)]
+        assert all(piece in said for piece in pieces), english
+
+
+def test_a_text_is_german_whole_or_not_at_all() -> None:
+    assert usage_text("Invalid value for '--x': 'y' is not a valid integer.") == (
+        "Ungültiger Wert für '--x': 'y' ist keine ganze Zahl."
+    )
+    assert usage_text("Invalid value for '--x': it is odd") is None
+    ahead = (
+        "the month 2999-01 has not begun: it is 2026-01-01 08:00 UTC by this computer's clock. Give a day that has been"
+    )
+    assert str(usage_text(f"Invalid value for '--of': {ahead}")).startswith(
+        "Ungültiger Wert für '--of': 2999-01 (Monat) hat nicht begonnen: es ist 2026-01-01 08:00 UTC nach der Uhr "
+    )
+    assert usage_text("Missing option '--to'. Choose from:\n\ta,\n\tb") == "Die Option '--to' fehlt. Möglich: a, b"
+    assert usage_text("No such option '--x'. Did you mean 'a' or 'b'?") == (
+        "Die Option '--x' gibt es nicht. Gemeint 'a' oder 'b'?"
+    )

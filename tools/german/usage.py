@@ -1,0 +1,127 @@
+"""German of what click refuses of a command line, and of what the technician's commands refuse of their options.
+
+A field stands for any text; `said` for another text of the table, `meant` for names with "or" between the last two.
+"""
+
+import re
+from functools import cache
+
+GERMAN_OF_USAGE = {
+    # options, arguments and commands
+    "No such option {name}.": "Die Option {name} gibt es nicht.",
+    "No such option {name}. Did you mean {meant}?": "Die Option {name} gibt es nicht. Gemeint {meant}?",
+    "No such option {name}. (Did you mean one of: {names}?)": (
+        "Die Option {name} gibt es nicht. (Gemeint eines von: {names}?)"
+    ),
+    "No such command {name}.": "Den Befehl {name} gibt es nicht.",
+    "No such command {name}. Did you mean {meant}?": "Den Befehl {name} gibt es nicht. Gemeint {meant}?",
+    "No such command {name}. (Did you mean one of: {names}?)": (
+        "Den Befehl {name} gibt es nicht. (Gemeint eines von: {names}?)"
+    ),
+    "No such command {name}. Use one of {names}.": "Den Befehl {name} gibt es nicht. Möglich: {names}.",
+    "Missing command.": "Der Befehl fehlt.",
+    "Missing argument {name}.": "Das Argument {name} fehlt.",
+    "Missing argument {name}. Choose from: {names}": "Das Argument {name} fehlt. Möglich: {names}",
+    "Missing option {name}.": "Die Option {name} fehlt.",
+    "Missing option {name}. Choose from: {names}": "Die Option {name} fehlt. Möglich: {names}",
+    "Got unexpected extra argument ({names})": "Unerwartetes Argument ({names})",
+    "Got unexpected extra arguments ({names})": "Unerwartete Argumente ({names})",
+    "Option {name} requires an argument.": "Die Option {name} braucht einen Wert.",
+    "Option {name} requires an argument: one of {names}": "Die Option {name} braucht einen Wert: {names}",
+    "Option {name} does not take a value.": "Die Option {name} nimmt keinen Wert.",
+    "Option {name} needs a value, and {other} is an option. As its text: {example}": (
+        "Die Option {name} braucht einen Wert, und {other} ist eine Option. Als ihr Text: {example}"
+    ),
+    # values
+    "Invalid value for {name}: {said}": "Ungültiger Wert für {name}: {said}",
+    "Invalid value: {said}": "Ungültiger Wert: {said}",
+    "{value} is not one of {names}.": "{value} ist keines von {names}.",
+    "{value} is not a valid integer.": "{value} ist keine ganze Zahl.",
+    "{value} is not a valid integer range.": "{value} ist keine ganze Zahl.",
+    "{value} is not a valid float.": "{value} ist keine Zahl.",
+    "{value} is not a valid float range.": "{value} ist keine Zahl.",
+    "{value} is not in the range {range}.": "{value} liegt nicht im Bereich {range}.",
+    "{value} is not known. Did you mean {meant}?": "{value} ist nicht bekannt. Gemeint {meant}?",
+    "{value} is not known. Use one of {names}.": "{value} ist nicht bekannt. Möglich: {names}.",
+    "{value} is not a day of the calendar, written as {example}": (
+        "{value} ist kein Tag des Kalenders, geschrieben wie {example}"
+    ),
+    "{value} is not a day or a time, written as {one} or {other}": (
+        "{value} ist kein Tag und keine Zeit, geschrieben wie {one} oder {other}"
+    ),
+    "File {file} does not exist.": "Die Datei {file} gibt es nicht.",
+    "File {file} is a directory.": "{file} ist ein Ordner, keine Datei.",
+    "Directory {file} does not exist.": "Den Ordner {file} gibt es nicht.",
+    "Directory {file} is a file.": "{file} ist eine Datei, kein Ordner.",
+    "Path {file} does not exist.": "Den Pfad {file} gibt es nicht.",
+    # the technician's commands
+    "{name} has no effect with {other}; leave it out": "{name} bewirkt nichts mit {other}; weglassen",
+    "name the service: --config FILE, or --socket": "den Dienst nennen: --config DATEI, oder --socket",
+    "the {kind} {name} has not begun: it is {now} UTC by this computer's clock. Give a day that has been": (
+        "{name} ({kind}) hat nicht begonnen: es ist {now} UTC nach der Uhr dieses Rechners. Einen vergangenen Tag "
+        "angeben"
+    ),
+    "{value} is no time for a pause: {least} to {most} seconds, such as {example} or {other}. Longer: --off REASON": (
+        "{value} ist keine Zeit für eine Pause: {least} bis {most} Sekunden, wie {example} oder {other}. Länger: --off "
+        "GRUND"
+    ),
+    "--on and --off exclude each other": "--on und --off schließen einander aus",
+    "--verify looks at the whole log and writes nothing: leave the other options out": (
+        "--verify sieht das ganze Protokoll an und schreibt nichts: die anderen Optionen weglassen"
+    ),
+    "--until is before --since": "--until liegt vor --since",
+    "Missing argument 'URL', such as {url}. What is connected: probewatch devices": (
+        "Das Argument 'URL' fehlt, wie {url}. Was angeschlossen ist: probewatch devices"
+    ),
+    "{url} gives no {only}; leave --only out": "{url} gibt keine {only}; --only weglassen",
+    "--calibration names one; leave --no-calibration out": "--calibration nennt eine; --no-calibration weglassen",
+    "--output ends in .xml or .tfm": "--output endet auf .xml oder .tfm",
+    "Missing option '--image-size': the file does not say how large the pictures are": (
+        "Die Option '--image-size' fehlt: die Datei sagt nicht, wie groß die Bilder sind"
+    ),
+    "--live scans on the cart itself; leave --simulated and --recording out": (
+        "--live scannt am Wagen selbst; --simulated und --recording weglassen"
+    ),
+    "--latency-first needs a person at the terminal; leave --signed-by out": (
+        "--latency-first braucht jemanden am Terminal; --signed-by weglassen"
+    ),
+    "--solve offset needs a recorded scan; --live solves zeta or all": (
+        "--solve offset braucht einen aufgezeichneten Scan; --live löst zeta oder all"
+    ),
+    "give the scan: --live, or either --recording FILE or --simulated": (
+        "den Scan angeben: --live, oder --recording DATEI, oder --simulated"
+    ),
+    "with --signed-by no questions are asked: give --probe and --preset, too": (
+        "mit --signed-by wird nichts gefragt: auch --probe und --preset angeben"
+    ),
+}
+_WORDS = {"day": "Tag", "week": "Woche", "month": "Monat", "poses": "Posen", "pictures": "Bilder"}
+"""Words of this program in a field."""
+
+
+def usage_text(message: str) -> str | None:
+    """Returns the German of a refused command line; None where the table has none of the whole of it."""
+    message = " ".join(message.split())
+    for pattern, german in _patterns():
+        found = pattern.fullmatch(message)
+        fields = None if found is None else _told(found.groupdict())
+        if fields is not None:
+            return german.format(**fields)
+    return None
+
+
+def _told(fields: dict[str, str]) -> dict[str, str] | None:
+    """Returns the fields in German; None where one of them has to be a text of the table and is none."""
+    said = {name: usage_text(text) if name == "said" else _WORDS.get(text, text) for name, text in fields.items()}
+    known = {name: text for name, text in said.items() if text is not None}
+    if "meant" in known:
+        known["meant"] = known["meant"].replace("' or '", "' oder '")
+    return known if len(known) == len(fields) else None
+
+
+@cache
+def _patterns() -> list[tuple[re.Pattern[str], str]]:
+    return [
+        (re.compile(re.sub(r"\\{(\w+)\\}", r"(?P<\1>.+?)", re.escape(english))), german)
+        for english, german in GERMAN_OF_USAGE.items()
+    ]
