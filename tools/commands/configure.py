@@ -20,6 +20,7 @@ from drivers.io.inventory import CONNECTED, ROOT, Found
 from drivers.registry import check_options, open_tracker, open_video
 from tools.commands.check import calibration_mistakes, calibration_remarks, mistakes_in, rows
 from tools.commands.probe import complaints, findings, measure
+from tools.german.devices import device_text
 from tools.german.translation import recognised, told
 from tools.shared.configuration_text import Answers, Value, changed, template
 from tools.shared.device_question import DeviceQuestion, Respondent, whole_path
@@ -153,22 +154,22 @@ def _trying(language: str) -> Callable[[str, str], None]:
 
     def try_it(url: str, kind: str) -> None:
         click.echo(told("  trying {url} for {seconds} s …", language, url=url, seconds=f"{_TRIAL_S:g}"))
-        _try(url, kind)
+        _try(url, kind, language)
 
     return try_it
 
 
-def _try(url: str, kind: str) -> None:
-    """Tests a device and prints the result. Raises ProbewatchError where it yields nothing."""
+def _try(url: str, kind: str, language: str) -> None:
+    """Tests a device and prints the result in the language. Raises ProbewatchError where it yields nothing."""
     clock = HostClock()
     open_source: Callable[[str, HostClock], TrackerSource | VideoSource]
     open_source = open_video if kind == "video" else open_tracker
     with open_source(url, clock) as source:
         measured = measure(source, _TRIAL_S, clock)
     for name, text in findings(measured)[:3]:
-        click.echo(f"  {name}: {text}")
+        click.echo(f"  {device_text(name, language)}: {device_text(text, language)}")
     for complaint in complaints(measured):
-        click.echo(f"  ! {complaint}")
+        click.echo(f"  ! {device_text(complaint, language)}")
     if measured.end is not None:
         raise measured.end
     if not measured.samples:

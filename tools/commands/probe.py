@@ -16,7 +16,10 @@ from drivers.errors import ConfigurationError, DeviceLost, ProbewatchError, Reco
 from drivers.recordings.replay import ENDED
 from drivers.registry import check_options, device_kinds, open_output, open_tracker, open_video
 from drivers.samples import Frame, Pose, PoseStatus
+from tools.german.devices import device_text
+from tools.german.translation import tell_refused
 from tools.shared.driver_text import any_url, schemes_and_options
+from tools.shared.named_cart import cart_language
 from tools.shared.time_quality import LEAST_HZ, MOST_JITTER_MS, TimeQuality, time_quality
 
 _READ_S = 0.2
@@ -111,13 +114,16 @@ def command(url: str | None, seconds: float, only: str | None, may_click: bool) 
 
 def _probe_output(url: str, may_click: bool, clock: HostClock) -> None:
     if not may_click:
-        does, what = ("sounds its tone", "tone") if url.startswith("tone:") else ("moves its contact", "contact")
-        raise ConfigurationError(f"probing an output {does}", url, f"Add --click while the {what} is not in use")
+        if url.startswith("tone:"):
+            what, remedy = "probing an output sounds its tone", "Add --click while the tone is not in use"
+            raise ConfigurationError(what, url, remedy)
+        what, remedy = "probing an output moves its contact", "Add --click while the contact is not in use"
+        raise ConfigurationError(what, url, remedy)
     with open_output(url, clock) as output:
         _print(_description(output))
         said = [_click(output, energised, url, clock) for energised in (True, False)]
     if None in said:
-        click.echo("! no feedback confirms that the contact moved. Watch it, or listen for two clicks")
+        _say("no feedback confirms that the contact moved. Watch it, or listen for two clicks", "! ")
 
 
 def _click(output: AlarmOutput, energised: bool, url: str, clock: HostClock) -> bool | None:
@@ -127,7 +133,8 @@ def _click(output: AlarmOutput, energised: bool, url: str, clock: HostClock) -> 
     took_ms = (clock.now_ns() - asked_ns) / 1e6
     said = output.read_back()
     if said not in (None, energised):
-        what = f"the contact was commanded {word}, but reads back {'closed' if said else 'open'}"
+        what = "the contact was commanded released, but reads back closed"
+        what = "the contact was commanded energised, but reads back open" if energised else what
         raise DeviceLost(what, url, "Check the wiring of the contact and of what reads it back")
     told = "commanded, not confirmed" if said is None else "confirmed"
     _print([(f"contact {word} in", f"{took_ms:.1f} ms, {told}")])
@@ -144,7 +151,7 @@ def _probe_cart(url: str, seconds: float) -> None:
         check_options(url, each)
     failures: dict[str, ProbewatchError] = {}
     for half, open_source in _OPENS.items():
-        click.echo(half.capitalize())
+        _say(half.capitalize())
         if (failure := _half_of_cart(url, open_source, seconds)) is not None:
             failures[half] = failure
         click.echo()
@@ -153,7 +160,7 @@ def _probe_cart(url: str, seconds: float) -> None:
         return
     given = [half for half in _OPENS if half not in failures]
     if given:
-        click.echo(f"If {given[0]} are all that is asked of it: --only {given[0]}")
+        _say(f"If {given[0]} are all that is asked of it: --only {given[0]}")
     raise next(iter(failures.values()))
 
 
@@ -165,16 +172,16 @@ def _half_of_cart(url: str, open_source: Open, seconds: float) -> ProbewatchErro
     try:
         source = open_source(url, clock)
     except (RecordingError, ConfigurationError) as error:
-        click.echo(f"{_NOTHING}: {error}")
+        _say_failed(_NOTHING, error)
         return error
     except DeviceLost:
-        click.echo(_NOTHING)
+        _say(_NOTHING)
         raise
     measured = Measured()
     try:
         _tell(source, url, seconds, clock, measured)
     except (RecordingError, DeviceLost, ConfigurationError) as error:
-        click.echo(f"{_word_of_failure(measured)}: {error}")
+        _say_failed(_word_of_failure(measured), error)
         return error
     return None
 
@@ -186,7 +193,7 @@ def _probe_source(url: str, open_source: Open, seconds: float) -> None:
     except ConfigurationError:
         raise
     except ProbewatchError:
-        click.echo(_word_of_failure(measured))
+        _say(_word_of_failure(measured))
         raise
 
 
@@ -199,23 +206,23 @@ def _tell(opened: TrackerSource | VideoSource, url: str, seconds: float, clock: 
     `measured` is empty.
     """
     with opened as source:
-        click.echo(f"connected in {(clock.now_ns() - clock.origin_ns) / 1e9:.2f} s, measuring for {seconds:g} s")
+        _say(f"connected in {(clock.now_ns() - clock.origin_ns) / 1e9:.2f} s, measuring for {seconds:g} s")
         measure(source, seconds, clock, measured)
         told = source.describe() if isinstance(source, Identified) else None
     _print([*_rows(told), *findings(measured)])
     absent = "" if told is None or measured.usable else told.absent
     found = [absent] if absent else list(complaints(measured, "" if told is None else told.time_remedy))
     for complaint in found:
-        click.echo(f"! {complaint}")
+        _say(complaint, "! ")
     if measured.end is not None:
         if not measured.played_out:
             raise measured.end
-        click.echo(measured.end.what)
+        _say(measured.end.what)
     if not measured.usable:
         what = f"nothing to use came within {seconds:g} s"
         remedy = told.remedy if told is not None and absent else _MEND[_usual_status(measured)]
         raise DeviceLost(f"{what}: {absent}" if absent else what, url, remedy)
-    click.echo("poor, see the lines marked with !" if found else "good")
+    _say("poor, see the lines marked with !" if found else "good")
 
 
 def measure(
@@ -342,5 +349,16 @@ _MEND: dict[PoseStatus | None, str] = {
 
 
 def _print(rows: list[Row]) -> None:
+    language = cart_language()
     for name, text in rows:
-        click.echo(f"{name + ':':<22}{text}")
+        click.echo(f"{device_text(name, language) + ':':<22}{device_text(text, language)}")
+
+
+def _say(text: str, mark: str = "") -> None:
+    click.echo(f"{mark}{device_text(text, cart_language())}")
+
+
+def _say_failed(word: str, error: ProbewatchError) -> None:
+    """Says in a word how it ended, and why, in the language of the cart as far as the error is known in it."""
+    tell_refused(error, cart_language())
+    click.echo(f"{device_text(word, cart_language())}: {error}")

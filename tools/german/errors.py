@@ -54,6 +54,23 @@ GERMAN_OF_ERRORS = {
     "Check the cable from the scanner": "Das Kabel vom Ultraschallgerät prüfen",
     "no video ({said})": "kein Video ({said})",
     "Check that the simulated scanner is running": "Prüfen, ob das simulierte Ultraschallgerät läuft",
+    # devices that `probe` and `configure` try
+    "nothing to use came within {seconds} s": "innerhalb von {seconds} s kam nichts Brauchbares",
+    "nothing came within {seconds} s": "innerhalb von {seconds} s kam nichts",
+    "Check that the device is on and measuring": "Prüfen, ob das Gerät an ist und misst",
+    "probing an output moves its contact": "ein Ausgang wird geprüft, indem sein Kontakt schaltet",
+    "probing an output sounds its tone": "ein Ausgang wird geprüft, indem sein Ton klingt",
+    "Add --click while the contact is not in use": "--click angeben, während der Kontakt nicht benutzt wird",
+    "Add --click while the tone is not in use": "--click angeben, während der Ton nicht benutzt wird",
+    "the contact was commanded energised, but reads back open": (
+        "der Kontakt sollte anziehen, meldet sich aber als offen"
+    ),
+    "the contact was commanded released, but reads back closed": (
+        "der Kontakt sollte abfallen, meldet sich aber als geschlossen"
+    ),
+    "Check the wiring of the contact and of what reads it back": (
+        "Die Verdrahtung des Kontakts und seiner Rückmeldung prüfen"
+    ),
     # outputs
     "the relay board does not answer": "die Relaiskarte antwortet nicht",
     "Check the relay board's cable": "Das Kabel der Relaiskarte prüfen",

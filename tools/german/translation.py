@@ -18,6 +18,7 @@ import click
 
 from appliance.supervision.languages import GERMAN, Texts
 from drivers.errors import ProbewatchError
+from tools.german.devices import GERMAN_OF_MENDING
 from tools.german.errors import GERMAN_OF_ERRORS
 from tools.german.questions import GERMAN_OF_QUESTIONS
 from tools.german.reports import GERMAN_OF_REPORTS
@@ -112,7 +113,7 @@ def _error_text(text: str, language: str) -> str | None:
 
 @cache
 def _errors() -> Texts:
-    return Texts({**_ALL, **GERMAN_OF_ERRORS})
+    return Texts({**_ALL, **GERMAN_OF_ERRORS, **GERMAN_OF_MENDING})
 
 
 def _of_page(text: str) -> str:

@@ -1,10 +1,8 @@
-"""German of what click refuses of a command line, and of what the technician's commands refuse of their options.
+"""German of what click refuses of a command line, and of what the technician's commands refuse of their options."""
 
-A field stands for any text; `said` for another text of the table, `meant` for names with "or" between the last two.
-"""
-
-import re
 from functools import cache
+
+from tools.german.free_texts import FreeTexts
 
 GERMAN_OF_USAGE = {
     # options, arguments and commands
@@ -101,27 +99,9 @@ _WORDS = {"day": "Tag", "week": "Woche", "month": "Monat", "poses": "Posen", "pi
 
 def usage_text(message: str) -> str | None:
     """Returns the German of a refused command line; None where the table has none of the whole of it."""
-    message = " ".join(message.split())
-    for pattern, german in _patterns():
-        found = pattern.fullmatch(message)
-        fields = None if found is None else _told(found.groupdict())
-        if fields is not None:
-            return german.format(**fields)
-    return None
-
-
-def _told(fields: dict[str, str]) -> dict[str, str] | None:
-    """Returns the fields in German; None where one of them has to be a text of the table and is none."""
-    said = {name: usage_text(text) if name == "said" else _WORDS.get(text, text) for name, text in fields.items()}
-    known = {name: text for name, text in said.items() if text is not None}
-    if "meant" in known:
-        known["meant"] = known["meant"].replace("' or '", "' oder '")
-    return known if len(known) == len(fields) else None
+    return _texts().translated(" ".join(message.split()))
 
 
 @cache
-def _patterns() -> list[tuple[re.Pattern[str], str]]:
-    return [
-        (re.compile(re.sub(r"\\{(\w+)\\}", r"(?P<\1>.+?)", re.escape(english))), german)
-        for english, german in GERMAN_OF_USAGE.items()
-    ]
+def _texts() -> FreeTexts:
+    return FreeTexts(GERMAN_OF_USAGE, _WORDS)

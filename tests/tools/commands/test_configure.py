@@ -259,7 +259,7 @@ def test_a_slip_in_an_option_is_told_before_any_device_is_tried(
 ) -> None:
     """Each is tried for seconds."""
     tried: list[str] = []
-    monkeypatch.setattr("tools.commands.configure._try", lambda url, _: tried.append(url))
+    monkeypatch.setattr("tools.commands.configure._try", lambda url, *_: tried.append(url))
     refused = refusal(configured(file, *DEVICES, *slip, "--no-calibration", "--yes"))
     assert ("'chan" in refused, tried, file.read_text()) == (True, [], template())
     assert configured(file, *DEVICES, "--no-calibration", "--yes").exit_code == 0

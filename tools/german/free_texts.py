@@ -1,0 +1,40 @@
+"""A table of texts whose fields stand for anything, such as names that people and devices give."""
+
+import re
+from collections.abc import Mapping
+
+
+class FreeTexts:
+    """A table of one language, from the English text or its template. A field stands for any text; `said` for another
+    text of the table, `meant` for names with "or" between the last two. words: of fields that are one of them.
+    """
+
+    def __init__(self, table: Mapping[str, str], words: Mapping[str, str]) -> None:
+        self._table, self._words = table, words
+        self._patterns = [
+            (re.compile(re.sub(r"\\{(\w+)\\}", r"(?P<\1>.+?)", re.escape(english))), german)
+            for english, german in table.items()
+            if "{" in english
+        ]
+
+    def translated(self, text: str) -> str | None:
+        """Returns the text in the language; None where the table has none of the whole of it."""
+        if text in self._table:
+            return self._table[text]
+        for pattern, german in self._patterns:
+            found = pattern.fullmatch(text)
+            fields = None if found is None else self._told(found.groupdict())
+            if fields is not None:
+                return german.format(**fields)
+        return None
+
+    def _told(self, fields: Mapping[str, str]) -> dict[str, str] | None:
+        """Returns the fields in the language; None where one has to be a text of the table and is none."""
+        said = {name: self.translated(text) if name == "said" else self._word(text) for name, text in fields.items()}
+        known = {name: text for name, text in said.items() if text is not None}
+        if "meant" in known:
+            known["meant"] = known["meant"].replace("' or '", "' oder '")
+        return known if len(known) == len(fields) else None
+
+    def _word(self, text: str) -> str:
+        return self._words.get(text, text)
