@@ -18,7 +18,7 @@ from drivers.errors import ConfigurationError
 from drivers.files.atomic_file import check_kind, check_new, writing
 from drivers.printable import LONGEST_TEXT, printable
 from drivers.suggestion import did_you_mean, suggested
-from tools.german.translation import recognised, told
+from tools.german.translation import damage_text, recognised, told
 from tools.shared.alarm_history import settled_log
 from tools.shared.calendar_option import MOMENT
 from tools.shared.named_cart import cart_language, folder_argument
@@ -366,11 +366,12 @@ def _cell(value: object) -> str:
 def _verified(reading: Reading, language: str) -> int:
     """Prints whether the chain is intact, defects on stderr; returns the exit code."""
     for damage in reading.damages:
-        click.secho(f"{damage}", err=True, fg="red" if damage.fault else "yellow")
+        click.secho(damage_text(str(damage), language), err=True, fg="red" if damage.fault else "yellow")
     for entry in reading.entries[1:]:
         if entry.event == Event.CHAIN_BEGUN:
-            found = "; ".join(map(str, entry.data.get("found", [])))
-            click.secho(f"entry {entry.number} begins a new chain: {found}", err=True, fg="yellow")
+            found = "; ".join(damage_text(str(one), language) for one in entry.data.get("found", []))
+            begins = told("entry {number} begins a new chain: {found}", language, number=entry.number, found=found)
+            click.secho(begins, err=True, fg="yellow")
     if reading.broken:
         click.secho(say("broken", language), err=True, fg="red")
         return 65

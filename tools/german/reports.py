@@ -1,4 +1,4 @@
-"""German of what `report` prints, and of the page that it writes; as `texts`."""
+"""German of what `report` prints, of the pages that it and `trend` write, and of a damaged log; as `texts`."""
 
 GERMAN_OF_REPORTS = {
     # what is printed
@@ -203,6 +203,10 @@ GERMAN_OF_REPORTS = {
     "The chain of the alarm log is whole.": "Die Kette des Alarmprotokolls ist heil.",
     "The chain of the alarm log is whole; it was begun again {times}.": (
         "Die Kette des Alarmprotokolls ist heil; sie wurde {times} neu begonnen."
+    ),
+    "entry {number} begins a new chain: {found}": "Eintrag {number} beginnt eine neue Kette: {found}",
+    "the alarm log is damaged: {damage}; what it still holds is told. See: probewatch log --verify": (
+        "das Alarmprotokoll ist beschädigt: {damage}; gezeigt ist, was es noch hat. Siehe: probewatch log --verify"
     ),
     "line {number}": "Zeile {number}",
     "is cut off": "ist abgeschnitten",

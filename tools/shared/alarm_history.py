@@ -11,6 +11,8 @@ from appliance.storage.alarm_chain import MEMORY, Reading, segments
 from appliance.storage.reference_store import History, read_history
 from appliance.storage.witnessed_log import read_witnessed_log
 from drivers.errors import ConfigurationError
+from tools.german.translation import damage_text, told
+from tools.shared.named_cart import cart_language
 
 _LOOKS = 3
 """A write of the service is soon over, so damage that a fourth reading still finds is damage."""
@@ -68,5 +70,7 @@ def references_in(folder: Path) -> History:
 def tell_damage(reading: Reading) -> None:
     """Says on standard error that a log is damaged, if it is, and that what it still holds was told."""
     if reading.broken:
-        what = f"the alarm log is damaged: {reading.broken[0]}; what it still holds is told"
-        click.secho(f"{what}. See: probewatch log --verify", err=True, fg="red")
+        language = cart_language()
+        damaged = "the alarm log is damaged: {damage}; what it still holds is told. See: probewatch log --verify"
+        what = told(damaged, language, damage=damage_text(str(reading.broken[0]), language))
+        click.secho(what, err=True, fg="red")

@@ -12,6 +12,7 @@ from appliance.storage import alarm_chain
 from appliance.storage.alarm_chain import Event, Latch, segments
 from appliance.storage.alarm_log import AlarmLog
 from drivers.errors import ConfigurationError
+from tests.support.answers import answered
 from tools.commands.log import command
 
 NOON = datetime(2026, 1, 1, 12, tzinfo=UTC)
@@ -359,3 +360,20 @@ def test_figures_of_a_german_log_are_told_in_german_whole_or_not_at_all(
     cart = tmp_path / "cart.toml"
     cart.write_text('[alarm]\nlanguage = "de"\n')
     assert said in asked(tmp_path / "alarms", "--config", str(cart), "--last", "1").stdout
+
+
+def test_what_is_wrong_with_the_log_of_a_german_cart_is_told_in_german(folder: Path, tmp_path: Path) -> None:
+    cart = tmp_path / "cart.toml"
+    cart.write_text('[alarm]\nlanguage = "de"\n')
+    (segment,) = folder.glob("alarms-*.jsonl")
+    first, *rest = segment.read_bytes().splitlines(keepends=True)
+    segment.write_bytes(b"".join([first, b"no JSON\n", *rest]))
+    wrong = f"{segment.name} Zeile 2: ist kein Eintrag (kein JSON, oder ein Teil davon fehlt)"
+    shown = answered("log", folder, "--config", cart, "--verify")
+    assert (shown.returncode, shown.stderr.splitlines()[0]) == (65, wrong)
+    assert "die Kette ist NICHT heil" in shown.stderr
+    told = answered("trend", folder, "--config", cart).stderr
+    assert (
+        told
+        == f"das Alarmprotokoll ist beschädigt: {wrong}; gezeigt ist, was es noch hat. Siehe: probewatch log --verify\n"
+    )
