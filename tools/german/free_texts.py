@@ -33,7 +33,7 @@ class FreeTexts:
         said = {name: self.translated(text) if name == "said" else self._word(text) for name, text in fields.items()}
         known = {name: text for name, text in said.items() if text is not None}
         if "meant" in known:
-            known["meant"] = known["meant"].replace("' or '", "' oder '")
+            known["meant"] = known["meant"].replace(" or ", " oder ")
         return known if len(known) == len(fields) else None
 
     def _word(self, text: str) -> str:

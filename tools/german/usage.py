@@ -68,8 +68,8 @@ GERMAN_OF_USAGE = {
         "--verify sieht das ganze Protokoll an und schreibt nichts: die anderen Optionen weglassen"
     ),
     "--until is before --since": "--until liegt vor --since",
-    "Missing argument 'URL', such as {url}. What is connected: probewatch devices": (
-        "Das Argument 'URL' fehlt, wie {url}. Was angeschlossen ist: probewatch devices"
+    "Missing argument 'URL', such as {meant}. What is connected: probewatch devices": (
+        "Das Argument 'URL' fehlt, wie {meant}. Was angeschlossen ist: probewatch devices"
     ),
     "{url} gives no {only}; leave --only out": "{url} gibt keine {only}; --only weglassen",
     "--calibration names one; leave --no-calibration out": "--calibration nennt eine; --no-calibration weglassen",

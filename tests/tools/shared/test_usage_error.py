@@ -50,6 +50,7 @@ def test_a_refused_command_line_is_told_in_german(
     assert [line.split(" ")[0] for line in above] in ([], ["Aufruf:", "Hilfe:", ""]), "an option without a value"
     assert error.startswith("Fehler: ")
     assert said in error
+    assert " or " not in error
 
 
 def test_the_cart_is_that_of_the_words(cart: Path, tmp_path: Path) -> None:
