@@ -136,9 +136,8 @@ out, which motion does not lessen. Few seeds leave a figure uncertain by a fifth
 def _scores(healthy: list[Healthy]) -> list[str]:
     scored = [one for one in healthy if one.scores]
     worlds = {tissue: [one for one in scored if one.origin.tissue == tissue] for tissue in _worlds(scored)}
-    head = ("check", *(f"{tissue} ({len(some)})" for tissue, some in worlds.items()))
-    rows = [(name, *(_score(name, some) for some in worlds.values())) for name in MEASURED]
-    return [_SCORES, *table(head, rows)] if worlds else []
+    rows = [(f"{tissue} ({len(some)})", *(_score(name, some) for name in MEASURED)) for tissue, some in worlds.items()]
+    return [_SCORES, *table(("world", *MEASURED), rows)] if worlds else []
 
 
 def _worlds(scored: list[Healthy]) -> list[str]:
