@@ -139,7 +139,7 @@ def test_hole_5_any_measurement_answers_a_fault(monkeypatch: pytest.MonkeyPatch)
     def at_once(self: Verification, check: Check, contradiction: Contradiction, since_ns: int) -> bool:
         return check.verdict is not VerdictKind.FAULT
 
-    monkeypatch.setattr(Verification, "_answered", at_once)
+    monkeypatch.setattr(Verification, "_resolved", at_once)
     with pytest.raises(AssertionError):
         holes.test_hole_5_a_fault_that_is_still_there_does_not_go_back_to_ok()
 

@@ -31,7 +31,9 @@ _YES, _NO = ("j", "ja", "y", "yes"), ("n", "nein", "no")
 
 
 def told(text: str, language: str, /, **fields: object) -> str:
-    """Returns a text of the tables in the language, filled in. Raises KeyError for one that has no translation."""
+    """Returns a text of the tables, filled in: German unless the language is `en`. Raises KeyError for one that has no
+    translation.
+    """
     german = _ALL[text]
     return (text if language == "en" else german).format(**fields)
 

@@ -1,6 +1,4 @@
-"""What the operator's commands say themselves, in the language of the cart; German is in
-appliance.supervision.languages.
-"""
+"""What the operator's commands say themselves, in the language of the cart; `tools.german` says where German is."""
 
 from collections.abc import Mapping
 from typing import Any

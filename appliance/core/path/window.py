@@ -7,10 +7,10 @@ from collections import deque
 import numpy as np
 from numpy.typing import NDArray
 
-from appliance.core.path.give import may_do
 from appliance.core.path.latency import Latency, estimate_latency, far_latency
 from appliance.core.path.samples import PathSamples
 from appliance.core.path.steps import predicted_path
+from appliance.core.path.tissue_compliance import possible_tissue_motion
 from appliance.core.times import MOST_APART_NS, SWEEP_WINDOW_NS
 from appliance.types import DRAGS, PRESSES, Calibration, Motion
 from drivers.rigid import Array, ComplexArray, quaternion_from_rotation, rigid, rotation_from_quaternion
@@ -275,13 +275,13 @@ class PathWindow:
 
     @property
     def tissue(self) -> int:
-        """What tissue may do, as bits: what the motion has not shown it not to do when `look_at_tissue` was last asked;
-        nothing where it is known to be rigid.
+        """DRAGS and PRESSES, unless motion had excluded them when `look_at_tissue` was last asked; 0 is rigid tissue,
+        as where the latest motion has no path of tissue.
         """
         return 0 if self._seen and self._seen[-1].tissue is None else self._tissue
 
     def look_at_tissue(self, lag_s: float, scale_limit: float) -> int:
-        """The same by all of the window. lag_s: of the tracker. scale_limit: relative, as `may_do`."""
+        """The same by all of the window. lag_s: of the tracker. scale_limit: relative, as `possible_tissue_motion`."""
         if self._seen and self._seen[-1].tissue is not None:
             self._changed()
             origin_ns = self._seen[0].stamp.t_ns
@@ -289,7 +289,7 @@ class PathWindow:
             poses, known = self.poses.at(t_s, origin_ns)
             known &= np.array([motion.tissue is not None for motion in self._seen])
             seen = [motion for motion, there in zip(self._seen, known, strict=True) if there]
-            self._tissue = may_do(self._tissue, seen, poses[known], self._reference, scale_limit)
+            self._tissue = possible_tissue_motion(self._tissue, seen, poses[known], self._reference, scale_limit)
         return self.tissue
 
     def take_tissue(self, other: "PathWindow") -> None:

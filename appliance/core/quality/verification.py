@@ -171,7 +171,7 @@ class Verification:
 
     def _weighed(self, check: Check, since_ns: int) -> Check:
         contradiction = self._contradictions.get(check.name)
-        if contradiction is not None and self._answered(check, contradiction, since_ns):
+        if contradiction is not None and self._resolved(check, contradiction, since_ns):
             del self._contradictions[check.name]
             contradiction = None
         good = check.verdict is VerdictKind.OK
@@ -180,7 +180,7 @@ class Verification:
         verdict = VerdictKind.NOT_VERIFIED if good and contradiction is not None else check.verdict
         return replace(check, verdict=verdict, shown_ns=self._shown_ns.get(check.name))
 
-    def _answered(self, check: Check, contradiction: Contradiction, since_ns: int) -> bool:
+    def _resolved(self, check: Check, contradiction: Contradiction, since_ns: int) -> bool:
         """Whether motion wholly after the contradiction resolves it: it shows the parameter with margin, or, for a
         contradiction that was never confirmed, measures it as accurately and within its limit.
         """

@@ -87,7 +87,7 @@ class SourceThread(DeviceThread):
         self.note_success()
 
     def _refuse_early(self, sample: Sample, now_ns: int) -> None:
-        """What claims to be of the future would look young for as long as it is ahead."""
+        """Counts a sample that is stamped later than it arrived and drops it: it would seem fresh until that time."""
         if self.early_stamps == 0:
             ahead_ms = (sample.stamp.t_ns - now_ns) / 1e6
             self._log.warning("stamped later than it arrived, refused", ahead_ms=round(ahead_ms, 3))

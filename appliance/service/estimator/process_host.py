@@ -31,7 +31,8 @@ shorter spends the processor on what cannot start.
 """
 _HUNG_S, _LOADING_S = 5.0, 60.0
 """Silence after which it is killed: once it has spoken, and while it loads its libraries from a slow disk. The contact
-is open by then (`Timeouts.estimator_ns`), so these cost only recovery: shorter would kill one that is merely slow.
+is open by then (`Timeouts.estimator_ns`, `BEHIND_NS`), so these cost only recovery: shorter would kill one that is
+merely slow.
 """
 _WORKING_S = 0.3
 """Silence up to which the estimator counts as working: three of its reports."""

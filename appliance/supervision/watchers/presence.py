@@ -1,4 +1,6 @@
-"""Each part must be heard of lately: outputs, scanner, tracker, estimator. What never came has failed."""
+"""Raises a fault for outputs, scanner, tracker or estimator silent for longer than their timeout, counted from
+the start.
+"""
 
 from appliance.supervision.watchers.device_health import DeviceHealth, Timeouts, silence
 from appliance.types import Check, Fault, VerdictKind

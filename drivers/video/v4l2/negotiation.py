@@ -172,7 +172,7 @@ def _set_format(node: Node, requested: RequestedFormat) -> abi.PixFormat:
     if requested.code is None and not known:
         what = f"offers none of the formats {', '.join(FORMATS)}, only {', '.join(offered[:_MOST_NAMED]) or 'nothing'}"
         raise DeviceLost(what, node.where, "Try opencv: with its number")
-    code = requested.code or _quick_enough(node, requested, known)
+    code = requested.code or _preferred_format(node, requested, known)
     format_ = _requested_format(node, requested, code)
     node.must(abi.S_FMT, format_, "does not take a picture format")
     _require_format(node, format_.pix, requested, code)
@@ -188,9 +188,9 @@ def _requested_format(node: Node, requested: RequestedFormat, code: str) -> abi.
     return format_
 
 
-def _quick_enough(node: Node, requested: RequestedFormat, known: list[str]) -> str:
-    """The first of the formats that comes as often as is needed, else the quickest: of a large picture over USB what is
-    not compressed may come five times a second.
+def _preferred_format(node: Node, requested: RequestedFormat, known: list[str]) -> str:
+    """Returns the first of the formats that reaches the wanted rate, else the fastest: a large picture over USB may
+    come only five times a second if it is not compressed.
     """
     wanted_hz = requested.rate_hz or _ENOUGH_HZ
     rates_hz: dict[str, float] = {}

@@ -1,4 +1,4 @@
-"""Whether the tissue under the probe gives way, by what its motion shows (docs/method.md, section 7)."""
+"""Decides whether tissue follows a press of the probe, its skin a slide, or neither (docs/method.md, section 7)."""
 
 from collections.abc import Sequence
 
@@ -56,9 +56,12 @@ Share = tuple[float, float]
 """By what share one way goes along with another, and its sigma."""
 
 
-def may_do(before: int, seen: Sequence[Motion], poses: Array, reference: Calibration, scale_limit: float) -> int:
-    """Returns what the tissue may do, as bits: as before, until the motion shows otherwise. Tissue follows no press
-    where the picture tilts as the tracker turned; skin does not drag where it does not go along with the probe.
+def possible_tissue_motion(
+    before: int, seen: Sequence[Motion], poses: Array, reference: Calibration, scale_limit: float
+) -> int:
+    """Returns the bits DRAGS and PRESSES that motion has not excluded, as before until it shows otherwise; 0 is rigid
+    tissue. Tissue follows no press where the picture tilts as the tracker turned; skin does not drag where it does not
+    go along with the probe.
 
     seen: with the path of tissue each. poses: (n, 4, 4) sensor → tracker at their times. scale_limit: relative; tissue
     that passes for one that follows no press hides as large an error of the axial scale as it follows.
