@@ -25,12 +25,15 @@ for longer; less takes a corrected one for wrong.
 
 @dataclass(frozen=True, slots=True)
 class Dates:
-    """due, expires: from when on it is; None: never. damage: a date that cannot be read, in words. since: in force."""
+    """due, expires: from when on it is; None: never. damage: a date that cannot be read, in words. since: in force.
+    first_use: of its file, where due is counted from it.
+    """
 
     due: datetime | None = None
     expires: datetime | None = None
     damage: str = ""
     since: datetime | None = None
+    first_use: datetime | None = None
 
     @property
     def due_utc(self) -> str | None:
@@ -49,13 +52,23 @@ class Dates:
         if self.expires is not None and now >= self.expires:
             passed = f"it has expired since {self.expires:%Y-%m-%d %H:%M} UTC"
         elif self.due is not None and now >= self.due:
-            passed = f"it is due since {self.due:%Y-%m-%d %H:%M} UTC"
+            passed = f"it is due since {self.due:%Y-%m-%d %H:%M} UTC{self._counted}"
         return passed
 
     def expired(self, now: datetime) -> str:
         """The same for the day on which it ends: when it expires, or is due where it does not say when it expires."""
         ends = self.due if self.expires is None else self.expires
         return self.overdue(now) if self.damage or self._wrong_clock(now) or (ends and now >= ends) else ""
+
+    @property
+    def _counted(self) -> str:
+        """What a due date is counted from, and what helps where that was the day of a wrong clock: the same file again
+        does not.
+        """
+        if self.first_use is None:
+            return ""
+        remedy = "if the clock was wrong then: use a changed file, or probewatch calibration reset"
+        return f"; it counts from {self.first_use:%Y-%m-%d}, when its file was first used; {remedy}"
 
     def _wrong_clock(self, now: datetime) -> str:
         if self.since is None or (self.due is None and self.expires is None) or now >= self.since - _CLOCK_WITHIN:
@@ -79,11 +92,13 @@ def dates_of(entry: Entry, history: Iterable[Entry], content: bytes, due_days: i
             damages.append(f"its '{name}' is {stated[name][:40]!r}, no day such as 2027-05-01")
     try:
         since = _utc(entry.utc)
-        counted = None if due_days is None else _first_use(entry, history, since) + timedelta(days=due_days)
+        first_use = _first_use(entry, history, since)
+        counted = None if due_days is None else first_use + timedelta(days=due_days)
     except (ValueError, OverflowError):
         return Dates(damage=f"it came in force at {entry.utc[:40]!r}, which no calendar has")
     due = min((one for one in (ends["due"], counted) if one is not None), default=None)
-    return Dates(due, ends["expires"], "; ".join(damages), since)
+    is_counted = counted is not None and due == counted
+    return Dates(due, ends["expires"], "; ".join(damages), since, first_use if is_counted else None)
 
 
 def _first_use(entry: Entry, history: Iterable[Entry], since: datetime) -> datetime:

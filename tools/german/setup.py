@@ -1,4 +1,6 @@
-"""German of what `check`, `log` and the questions before a change say of a cart as it was set up; as `texts`."""
+"""German of what `check`, `log`, the dates of a calibration and the questions before a change say of a cart as it was
+set up; as `texts`.
+"""
 
 GERMAN_OF_SETUP = {
     # check
@@ -31,6 +33,11 @@ GERMAN_OF_SETUP = {
     "What stands in its way: probewatch status": "Was im Wege steht: probewatch status",
     # self-test
     "1 of {number} is not green.": "1 von {number} ist nicht grün.",
+    # dates of a calibration
+    "it counts from {day}, when its file was first used": "gezählt vom {day}, als ihre Datei zum ersten Mal galt",
+    "if the clock was wrong then: use a changed file, or probewatch calibration reset": (
+        "falls die Uhr damals falsch ging: eine geänderte Datei verwenden, oder probewatch calibration reset"
+    ),
     # status
     "once the position sensor was looked at: probewatch ack --bump": (
         "sobald der Positionssensor angesehen wurde: probewatch ack --bump"

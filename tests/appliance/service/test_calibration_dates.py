@@ -8,20 +8,28 @@ import pytest
 
 from appliance.service.control import references
 from tests.appliance.service.test_daemon import MovedLine, calibration, moved
+from tests.support.answers import answered
 from tests.support.simulated_cart import SimulatedCart
 
 EXPIRES = 'calibration.due_days = 30\ncalibration.overdue = "expires"\n'
 
 
 @pytest.fixture
-def expired(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[SimulatedCart]:
-    """Its calibration was verified 40 days ago and may be used for 30."""
-    with SimulatedCart(tmp_path, more=EXPIRES) as cart:
+def cart(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> SimulatedCart:
+    """Its calibration may be used for 30 days; the history has the cart's calendar."""
+    cart = SimulatedCart(tmp_path, more=EXPIRES)
 
-        def now() -> str:
-            return datetime.fromtimestamp(cart._wall_ns() / 1e9, UTC).isoformat(timespec="seconds")
+    def now() -> str:
+        return datetime.fromtimestamp(cart._wall_ns() / 1e9, UTC).isoformat(timespec="seconds")
 
-        monkeypatch.setattr(references, "_now", now)
+    monkeypatch.setattr(references, "_now", now)
+    return cart
+
+
+@pytest.fixture
+def expired(cart: SimulatedCart) -> Iterator[SimulatedCart]:
+    """Its calibration was verified 40 days ago."""
+    with cart:
         cart.monitoring()
         cart.utc += timedelta(days=40)
         cart.run(3)
@@ -76,6 +84,32 @@ def test_it_stays_expired_when_a_person_takes_the_same_file_again(
         client.begin_recalibration()
         client.end_recalibration(moved(expired, expired.folder / "new.toml", 1))
     assert expired.monitoring().status()["reference_overdue"] is None
+
+
+@pytest.mark.parametrize("remedy", ["changed file", "reset"])
+def test_a_first_use_under_a_clock_that_was_behind_names_what_ends_it(cart: SimulatedCart, remedy: str) -> None:
+    """Status and refusal said since when it was due, and each way that they led to left it so."""
+    right, file = cart.utc, cart.folder / "probe.toml"
+    cart.utc = datetime(1970, 1, 1, tzinfo=UTC)
+    with cart:
+        cart.monitoring()
+        cart.utc = right
+        cart.run(3)
+        words = (
+            "it is due since 1970-01-31 00:00 UTC; it counts from 1970-01-01, when its file was first used; "
+            "if the clock was wrong then: use a changed file, or probewatch calibration reset"
+        )
+        assert cart.status()["reference_overdue"] == words
+        assert words in calibration(cart, "use", file, "--yes", "--wait", 3).stderr
+        if remedy == "reset":
+            cart.end_daemon()
+            reset = answered("calibration", "reset", "--folder", cart.alarms, "--socket", cart.socket, "--yes")
+            assert reset.returncode == 0, reset.stderr
+            cart.start_daemon()
+        else:
+            file.write_text(f"{file.read_text()}# checked\n")
+            assert calibration(cart, "use", file, "--yes").returncode == 0
+        assert cart.monitoring().status()["reference_overdue"] is None
 
 
 @pytest.mark.parametrize("step", [timedelta(days=40), timedelta(days=-40)])

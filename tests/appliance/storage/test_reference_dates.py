@@ -46,6 +46,8 @@ def test_what_comes_first_is_due_and_what_expires_later_is_only_due_until_then(t
     assert dates(tmp_path, 1000, due="2026-08-01").due_utc == "2026-08-02T00:00:00+00:00"
     after, long_after = datetime(2026, 8, 2, tzinfo=UTC), datetime(2026, 9, 2, tzinfo=UTC)
     assert known.overdue(after).startswith("it is due since 2026-05-11")
+    assert "it counts from 2026-05-01, when its file was first used; if the clock was wrong" in known.overdue(after)
+    assert dates(tmp_path, 1000, due="2026-08-01").overdue(after) == "it is due since 2026-08-02 00:00 UTC"
     assert known.expired(after) == ""
     assert known.overdue(long_after) == known.expired(long_after) == "it has expired since 2026-09-02 00:00 UTC"
 

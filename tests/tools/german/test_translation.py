@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from appliance.storage.reference_dates import Dates
 from appliance.supervision.languages import GERMAN
 from drivers.samples import Frame, Pose, PoseStatus, Stamp
 from tests.support.answering import Answering, recorded
@@ -125,7 +126,7 @@ def sick() -> list[Item]:
     now = datetime(2026, 11, 23, tzinfo=UTC)
     found += [items.clock(now, now + timedelta(days=1), one) for one in (None, True, False)]
     due = recorded(reference_due_utc="2026-01-01T00:00:00+00:00")
-    due["reference_overdue"] = "it is due since 2026-01-01 00:00 UTC"
+    due["reference_overdue"] = Dates(now, None, since=now, first_use=now).overdue(now)
     due["reference"]["verified_utc"] = None
     return [*found, *items.reference(due, now), items.overlay([])]
 
