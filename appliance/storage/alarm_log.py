@@ -57,12 +57,15 @@ class AlarmLog:
         if unsound:
             number = max([number, *map(first_number, segments(folder))])
             first = self.opened.entries[0].number if self.opened.entries else number + 1
-        self._memory = Memory(number, GENESIS if last is None else last.digest, first, latch)
+        self._memory = Memory(number, GENESIS if last is None else last.digest, first, latch, self.damage)
         self._chain_begins = bool(unsound) or last is None
-        self._memory_behind = False
+        # A cut came between an entry and its memory, or this is the first start. Before the next entry the memory is
+        # written: another cut would leave the log two entries ahead of it, or with none, as real damage does.
+        self._memory_behind = ahead or self.opened.memory is None
         self._segment: Path | None = None
         self._entries = 0
-        self._continue_segment()
+        if not unsound:
+            self._continue_segment()
 
     @property
     def latch(self) -> Latch | None:
@@ -107,9 +110,9 @@ class AlarmLog:
         return [one for one in self.opened.damages if one.fault and not is_old(one)]
 
     def _continue_segment(self) -> None:
-        """Write on in the last segment if it is whole; a torn last line is set aside first."""
+        """Write on in the last segment; a torn last line is set aside first, also the first of all."""
         files = segments(self._folder)
-        if not files or self._chain_begins:
+        if not files:
             return
         content = files[-1].read_bytes()
         whole = content[: content.rfind(b"\n") + 1]
@@ -117,7 +120,8 @@ class AlarmLog:
             with files[-1].with_suffix(".torn").open("ab") as torn:
                 torn.write(content[len(whole) :] + b"\n")
             os.truncate(files[-1], len(whole))
-        self._segment, self._entries = files[-1], whole.count(b"\n")
+        if not self._chain_begins:
+            self._segment, self._entries = files[-1], whole.count(b"\n")
 
     def _write(self, utc: datetime, t_ns: int, event: str, data: dict[str, Any], latch: Latch | None) -> None:
         if self._memory_behind:

@@ -2,13 +2,14 @@
 
 The work is done to a real folder, and looked at before and after each call that changes one. What a cut may leave is
 more than a file system does on its own: of what no fsync has made durable, each change of a name is there or not,
-whatever the order, and each file is as it last was durable, or half of what was written, or all of it.
+whatever the order, and each file is as it last was durable, or half of what was written, or all of it; with what both
+begin with, as where one appends.
 """
 
 import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from itertools import chain, combinations, product
+from itertools import chain, combinations, product, takewhile
 from pathlib import Path
 from typing import Any
 
@@ -97,8 +98,10 @@ class Disk:
         return inode
 
     def _torn(self, inode: int) -> list[bytes]:
-        now = self._contents[inode]
-        return [self._durable_contents.get(inode, b""), now[: len(now) // 2], now]
+        now, durable = self._contents[inode], self._durable_contents.get(inode, b"")
+        same = takewhile(lambda pair: pair[0] == pair[1], zip(now, durable, strict=False))
+        kept = sum(1 for _ in same)
+        return [durable, now[: kept + (len(now) - kept) // 2], now]
 
     def _image(self, changes: dict[int, tuple[_Change, ...]], contents: dict[int, bytes]) -> Image:
         image: dict[str, bytes | None] = {}
