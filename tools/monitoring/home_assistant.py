@@ -1,5 +1,6 @@
 """What Home Assistant must be sent so that a cart appears there by itself: MQTT discovery, one message an entity."""
 
+import re
 from typing import Any
 
 _EXPIRE_S = 60
@@ -57,7 +58,7 @@ def discovery(cart: str, state: str, available: str, prefix: str) -> dict[str, d
     """Topic → configuration. state, available: topics of the cart, whose name may have several levels; those of Home
     Assistant take a name of one. prefix: of Home Assistant's own topics.
     """
-    node = cart.replace("/", "__")
+    node = _node(cart)
     device = {"identifiers": [f"probewatch_{node}"], "name": f"probewatch {cart}", "manufacturer": "probewatch"}
     common = {"state_topic": state, "availability_topic": available, "expire_after": _EXPIRE_S, "device": device}
     return {
@@ -68,3 +69,10 @@ def discovery(cart: str, state: str, available: str, prefix: str) -> dict[str, d
         }
         for name, (kind, entity) in _ENTITIES.items()
     }
+
+
+def _node(cart: str) -> str:
+    """The cart's name as one level, of letters, digits, - and _, that no other cart has: a level ends in __, and a _
+    before _, - or the end of a level is _-.
+    """
+    return re.sub("_(?=[_/-])", "_-", cart).replace("/", "__")

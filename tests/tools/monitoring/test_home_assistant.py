@@ -1,6 +1,7 @@
 """What Home Assistant makes of the messages by its templates, which are Jinja's."""
 
 import re
+from itertools import product
 
 import pytest
 from jinja2 import Environment
@@ -54,3 +55,33 @@ def test_a_cart_whose_name_has_levels_is_found_all_the_same() -> None:
     assert all(re.fullmatch(r"homeassistant/\w+/probewatch_[\w-]+/\w+/config", topic) for topic in entities)
     assert {one["state_topic"] for one in entities.values()} == {"probewatch/ward/cart-2/state"}
     assert next(iter(discovery("cart-2", "s", "a", "ha"))) == "ha/binary_sensor/probewatch_cart-2/verified/config"
+
+
+@pytest.mark.parametrize("cart", ["cart-2", "Cart2", "cart_2", "ward/cart-2", "ward/cart_2"])
+def test_ordinary_names_keep_their_topics(cart: str) -> None:
+    """Home Assistant would know the cart twice."""
+    node = f"probewatch_{cart.replace('/', '__')}"
+    entities = discovery(cart, "s", "a", "ha")
+    assert {topic.split("/")[2] for topic in entities} == {node}
+    assert {one["unique_id"].rpartition("_")[0] for one in entities.values()} == {node}
+
+
+def test_no_two_carts_share_a_topic_or_an_entity() -> None:
+    """`a/b` and `a__b` did, so that one showed the other's alarm."""
+    names = [
+        name for length in range(1, 7) for letters in product("a_-/", repeat=length) if _may(name := "".join(letters))
+    ]
+    assert {"a/a", "a__a", "a_-_-a"} <= set(names)
+    told = [discovery(name, "s", "a", "ha") for name in names]
+    topics = [topic for entities in told for topic in entities]
+    assert len(set(topics)) == len(topics)
+    unique = [one["unique_id"] for entities in told for one in entities.values()]
+    assert len(set(unique)) == len(unique)
+    devices = {str(next(iter(entities.values()))["device"]["identifiers"]) for entities in told}
+    assert len(devices) == len(names)
+    assert all(re.fullmatch(r"ha/\w+/probewatch_[\w-]+/\w+/config", topic, re.ASCII) for topic in topics)
+
+
+def _may(name: str) -> bool:
+    """As `probewatch mqtt --cart` has it."""
+    return "" not in name.split("/")
