@@ -66,7 +66,8 @@ _TOO_OLD, _TAKEN_OVER = "Unsupported protocol version", "Session taken over"
 _SILENT = "it does not answer"
 _OLDER = ", by MQTT 3.1.1, which neither refuses nor forgets a message; use a broker with MQTT 5"
 """What the journal says of a broker that knows no newer version."""
-_REMEDIES = {"Quota exceeded": "; raise its limit of a message", "Not authorized": "; let this user write that topic"}
+_TOO_LARGE, _RAISE = "Packet too large", "; raise its limit of a message"
+_REMEDIES = {"Quota exceeded": _RAISE, _TOO_LARGE: _RAISE, "Not authorized": "; let this user write that topic"}
 _OTHERS = stat.S_IROTH | stat.S_IWOTH
 _LOCAL = ("localhost", "127.0.0.1", "::1")
 
@@ -215,13 +216,14 @@ class Publisher:
         client.on_publish = self._note_acknowledged
         return client
 
-    def _note_connect(self, _client: Client, _data: Any, _flags: Any, reason: Any, _properties: Any) -> None:
+    def _note_connect(self, _client: Client, _data: Any, _flags: Any, reason: Any, properties: Any) -> None:
         if reason.is_failure:
             self._why, self._refused = f"it refuses this cart ({printable(str(reason))})", True
             self._too_old = str(reason) == _TOO_OLD
             self._gone.set()
         else:
             self._accepted_s = time.monotonic()
+            self._client.largest = getattr(properties, "MaximumPacketSize", math.inf)
             self._connected.set()
 
     def _note_disconnect(self, _client: Client, _data: Any, _flags: Any, reason: Any, _properties: Any) -> None:
@@ -235,11 +237,12 @@ class Publisher:
     def _note_acknowledged(self, _client: Client, _data: Any, _number: Any, reason: Any, _properties: Any) -> None:
         """MQTT has a broker acknowledge in the order of the messages; in version 5 it says what it does not keep."""
         topic = self._waiting.popleft()[1] if self._waiting else ""
-        if not reason.is_failure:
-            if topic == self._state:
-                self._answered.set()
-            return
-        words = printable(str(reason))
+        if reason.is_failure:
+            self._note_refused(topic, printable(str(reason)))
+        elif topic == self._state:
+            self._answered.set()
+
+    def _note_refused(self, topic: str, words: str) -> None:
         if topic in (self._state, self._available):
             self._client.trouble = f"it refuses {topic} ({words}){_REMEDIES.get(words, '')}"
             self._unkept.set()
@@ -288,9 +291,10 @@ class Publisher:
         return f"{said}; is it a port for mqtts://?" if plain else said
 
     def _words_of_leaving(self, reason: str) -> str:
-        """A port that speaks TLS breaks off before it has accepted anybody in the clear."""
-        if self._broker.tls is None and not self._connected.is_set():
-            return "it breaks off before it accepts this cart; is it a port for mqtts://?"
+        """A port that speaks TLS breaks off before it has accepted who is in the clear, or has no good certificate."""
+        if not self._connected.is_set() and (self._broker.tls is None or reason == _NO_REASON):
+            hint = "is it a port for mqtts://?" if self._broker.tls is None else "does it ask for a --certificate?"
+            return f"it breaks off before it accepts this cart; {hint}"
         if reason not in (_NO_REASON, _TAKEN_OVER):
             return f"it has gone ({printable(reason)})"
         is_short = reason == _TAKEN_OVER or time.monotonic() - self._accepted_s < _LONGEST_WAIT_S
@@ -325,7 +329,7 @@ class Publisher:
         for topic, config in self._discovery.items() if first else ():
             self._publish(topic, json.dumps(config))
 
-    def _publish_state(self, now: dict[str, Any]) -> MQTTMessageInfo:
+    def _publish_state(self, now: dict[str, Any]) -> MQTTMessageInfo | None:
         utc = datetime.now(UTC).isoformat(timespec="seconds")
         return self._publish(self._state, json.dumps({**now, "utc": utc}, ensure_ascii=False), _EXPIRES_S)
 
@@ -354,8 +358,13 @@ class Publisher:
                 line.shutdown(socket.SHUT_RDWR)
             self._gone.wait(_GOODBYE_S)
 
-    def _publish(self, topic: str, payload: str, expires_s: int | None = None) -> MQTTMessageInfo:
-        """expires_s: after which the broker forgets it, where it knows how to; None for never."""
+    def _publish(self, topic: str, payload: str, expires_s: int | None = None) -> MQTTMessageInfo | None:
+        """expires_s: after which the broker forgets it, where it knows how to; None for never. Returns None where it is
+        too large.
+        """
+        if not self._client.takes(topic, payload):
+            self._note_refused(topic, _TOO_LARGE)
+            return None
         properties = None
         if expires_s is not None and self._client.refuses:
             properties = Properties(PacketTypes.PUBLISH)  # type: ignore[no-untyped-call]
@@ -363,8 +372,8 @@ class Publisher:
         self._waiting.append((time.monotonic(), topic))
         return self._client.publish(topic, payload, qos=1, retain=True, properties=properties)
 
-    def _publish_briefly(self, told: MQTTMessageInfo) -> None:
-        if told.rc == MQTTErrorCode.MQTT_ERR_SUCCESS:
+    def _publish_briefly(self, told: MQTTMessageInfo | None) -> None:
+        if told is not None and told.rc == MQTTErrorCode.MQTT_ERR_SUCCESS:
             told.wait_for_publish(_GOODBYE_S)
 
     def _leave(self, meant: bool) -> None:

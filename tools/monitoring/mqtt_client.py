@@ -2,6 +2,7 @@
 memory nor processor: one that says more is left.
 """
 
+import math
 import struct
 import time
 
@@ -17,6 +18,9 @@ for, and the library keeps it until it is whole: up to 256 MB, which is all memo
 _MOST_HEARD_S = 1000
 """Bytes of answers in a second: 250 acknowledgements. A connection has some ten at its beginning and one a second then;
 more lets a broker that acknowledges without end take the processor."""
+_AROUND = 16
+"""Bytes of a message by MQTT 5 beside its topic and content: 14 with a time to expire. More calls one too large that is
+not; less has the broker break off."""
 _REASONS = (0x00, 0x10, 0x80, 0x83, 0x87, 0x90, 0x91, 0x97, 0x99)
 """Of an acknowledgement by MQTT 5 (3.4.2.1), which the library knows; it takes an answer with another for no MQTT."""
 _UNSPECIFIED, _QUOTA_EXCEEDED, _TOO_LARGE = 0x80, 0x97, 0x95
@@ -26,13 +30,15 @@ _ANSWERS = (MessageType.CONNACK, MessageType.PUBACK, MessageType.PINGRESP, Messa
 
 class TellingClient(Client):
     """The library's, which leaves a broker that says more than answers. trouble: what it said; empty where nothing.
-    malformed: whether that was an answer which is none of this version of MQTT.
+    malformed: whether that was an answer which is none of this version of MQTT. largest: bytes of a packet that the
+    broker takes, as it says when it accepts; it leaves who sends a larger one.
     """
 
     def __init__(self, name: str, version: MQTTProtocolVersion) -> None:
         super().__init__(CallbackAPIVersion.VERSION2, client_id=name, protocol=version, reconnect_on_failure=False)
         self.trouble = ""
         self.malformed = False
+        self.largest = math.inf
         self.refuses = version is MQTTProtocolVersion.MQTTv5
         self._heard_s, self._heard = 0.0, 0
 
@@ -44,6 +50,10 @@ class TellingClient(Client):
             properties.MaximumPacketSize = _LONGEST_ANSWER
             properties.RequestProblemInformation = 0
         self.connect(host, port, keepalive_s, properties=properties)
+
+    def takes(self, topic: str, payload: str) -> bool:
+        """Whether the message is small enough for the broker."""
+        return len(topic.encode()) + len(payload.encode()) + _AROUND <= self.largest
 
     def _sock_recv(self, bufsize: int) -> bytes:
         """The library asks here for as much as a packet has announced, before it has any of it. Raises OSError."""

@@ -254,6 +254,24 @@ def test_tls_only_with_a_broker_whose_certificate_is_good(service: Answering, tm
         broker.end()
 
 
+@pytest.mark.thorough
+@needs_mosquitto
+@needs_openssl
+def test_a_broker_that_asks_for_a_certificate_is_named_as_that(service: Answering, tmp_path: Path) -> None:
+    """It breaks off without a word."""
+    ca, certificate, key = authority(tmp_path)
+    lines = (f"certfile {certificate}", f"keyfile {key}", f"cafile {ca}", "require_certificate true")
+    broker = Mosquitto(tmp_path, "allow_anonymous true", *lines)
+    where = f"localhost:{broker.port}"
+    try:
+        with Program(tmp_path / "control", "--broker", f"mqtts://{where}", "--ca", ca) as program:
+            until(lambda: program.said, 60)
+            why = "it breaks off before it accepts this cart; does it ask for a --certificate?"
+            assert program.said[0] == f"no broker at {where}: {why}; trying again"
+    finally:
+        broker.end()
+
+
 def test_a_password_is_neither_told_in_the_clear_nor_readable_by_all(tmp_path: Path) -> None:
     file = tmp_path / "password"
     file.write_text("word\n")
