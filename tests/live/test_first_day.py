@@ -139,16 +139,14 @@ def served_again(day: Day) -> None:
     day.waits_for_a_calibration()
 
 
-@pytest.mark.alone
-def test_what_is_configured_is_what_was_answered_and_the_service_takes_it(day: Day) -> None:
-    configured(day)
+def is_what_was_answered(day: Day) -> None:
+    """The configuration, which keeps the template's comments."""
     config = load_config(day.file)
     assert (config.video.url, config.tracker.url) == (day.urls["video"], day.urls["tracker"])
     assert (config.output[0].url, config.calibration.file) == (day.urls["contact"], None)
     assert subprocess.run([PROBEWATCH, "check", day.file], check=False).returncode == 0
     comments = [line for line in template().splitlines() if re.match("# [A-Z]", line)]
     assert [line for line in day.file.read_text().splitlines() if re.match("# [A-Z]", line)] == comments
-    served_again(day)
 
 
 def test_an_answer_that_cannot_be_is_asked_again_and_nothing_is_written_before_it_is_accepted(day: Day) -> None:
@@ -208,6 +206,7 @@ def _status(socket: Path) -> str:
 @pytest.mark.alone
 def test_from_an_unconfigured_package_to_monitoring_within_ten_minutes(day: Day) -> None:
     configured_s = configured(day)
+    is_what_was_answered(day)
     served_again(day)
     day.tank.touch()
     with Person("recalibrate", "--live", "--solve", "all", "--config", day.file) as person:
