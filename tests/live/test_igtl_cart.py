@@ -146,7 +146,7 @@ def test_slow_clients_of_the_state_delay_nobody(closed: Cart, state_server: int)
 @pytest.mark.alone
 def test_the_demo_finds_every_fault_behind_a_server(folder: Path) -> None:  # noqa: F811
     """The real line; the same script as of the demo without a server, which another test runs. Half as fast where it
-    does not pass: a server more is more than two slow processors can do.
+    says that the computer is too busy: a server more is more than two slow processors can do.
     """
     faults = ("flip-lateral@19", "lose-tracker@23", "latency@27")
     options = [word for fault in faults for word in ("--fault", fault)]
@@ -154,7 +154,7 @@ def test_the_demo_finds_every_fault_behind_a_server(folder: Path) -> None:  # no
         demo = Demo(folder, "--openigtlink", "--speed", speed, *options)
         code, out, _ = demo.finish(240)
         assert demo.left_nothing()
-        if code not in (1, TooBusy.exit_code):
+        if code != TooBusy.exit_code:
             break
         print(f"speed {speed}: {out.splitlines()[-1:]}")
     assert code == 0, out
