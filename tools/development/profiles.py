@@ -221,9 +221,10 @@ _WHY = """An OK needs three standard deviations of room, and each includes what 
 seconds brings sigma down to the third of 1° that `fine` asks for. In any other tissue 0.5 mm are added to each sigma
 of an offset, so 1.5 mm of the 1.5 mm of `fine`: it is never verified there, and `probewatch check` says so.
 
-Tissue counts as rigid that follows a press by as much as a scale may be wrong, 5 % at most, and hides as large an error
-of the axial scale: put the phantom on a rigid table. Over foam `fine` and `clinical` are not verified. In tissue that
-may give way motion names rotation, scale and offset from the limits of `coarse` on, whatever the profile."""
+Tissue counts as rigid that follows a press by as much as a scale may be wrong, 5 % at most. What the gesture shows of
+that share widens the sigma of the axial scale, so `fine` and `clinical` are hardly verified over foam: put the phantom
+on a rigid table. In tissue that may give way motion names rotation, scale and offset from the limits of `coarse` on,
+whatever the profile."""
 _CELLS = "Runs in which the contact closed (95 %); when it first did; share of the session. Medians (least–most)."
 _COMMAND = """Written by `python -m tools.development.profiles --table study.csv` from rows of `probewatch study`:
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from appliance.core.path.latency import Latency, estimate_latency, far_latency
 from appliance.core.path.samples import PathSamples
 from appliance.core.path.steps import predicted_path
-from appliance.core.path.tissue_compliance import possible_tissue_motion
+from appliance.core.path.tissue_compliance import TissueMotion, possible_tissue_motion
 from appliance.core.times import MOST_APART_NS, SWEEP_WINDOW_NS
 from appliance.types import DRAGS, PRESSES, Calibration, Motion
 from drivers.rigid import Array, ComplexArray, quaternion_from_rotation, rigid, rotation_from_quaternion
@@ -148,7 +148,7 @@ class PathWindow:
         self._seen: deque[Motion] = deque()
         self.poses = PoseTrack(span_ns + _SPARE_NS)
         self._arrays_known: tuple[Array, NDArray[np.int64], Array, Array] | None = None
-        self._tissue = DRAGS | PRESSES
+        self._tissue = TissueMotion(DRAGS | PRESSES)
         self._samples_known: dict[float, PathSamples] = {}
 
     def __len__(self) -> int:
@@ -169,7 +169,7 @@ class PathWindow:
     def forget_tissue(self) -> None:
         """Assumes again that the tissue gives way in every manner, because the probe may be on other tissue by now."""
         self._changed()
-        self._tissue = DRAGS | PRESSES
+        self._tissue = TissueMotion(DRAGS | PRESSES)
 
     def forget(self, since_ns: int) -> None:
         """Motion at or after since_ns was stamped wrongly."""
@@ -271,14 +271,15 @@ class PathWindow:
         seen = t_s[keep], chain[keep], u_px[keep], alpha[keep]
         clear = float(np.mean([motion.tissue.clear_share for motion in self._seen if motion.tissue] or [1.0]))
         origin_ns, rigid_tissue = self._seen[0].stamp.t_ns, not self.tissue & PRESSES
-        return PathSamples(*seen, poses, earlier, later, _APART_S, origin_ns, rigid_tissue, clear)
+        hidden = self._tissue.hidden if rigid_tissue else 0.0
+        return PathSamples(*seen, poses, earlier, later, _APART_S, origin_ns, rigid_tissue, clear, hidden)
 
     @property
     def tissue(self) -> int:
         """DRAGS and PRESSES, unless motion had excluded them when `look_at_tissue` was last asked; 0 is rigid tissue,
         as where the latest motion has no path of tissue.
         """
-        return 0 if self._seen and self._seen[-1].tissue is None else self._tissue
+        return 0 if self._seen and self._seen[-1].tissue is None else self._tissue.may
 
     def look_at_tissue(self, lag_s: float, scale_limit: float) -> int:
         """The same by all of the window. lag_s: of the tracker. scale_limit: relative, as `possible_tissue_motion`."""
@@ -289,7 +290,9 @@ class PathWindow:
             poses, known = self.poses.at(t_s, origin_ns)
             known &= np.array([motion.tissue is not None for motion in self._seen])
             seen = [motion for motion, there in zip(self._seen, known, strict=True) if there]
-            self._tissue = possible_tissue_motion(self._tissue, seen, poses[known], self._reference, scale_limit)
+            before = self._tissue
+            found = possible_tissue_motion(before.may, seen, poses[known], self._reference, scale_limit)
+            self._tissue = found.after(before)
         return self.tissue
 
     def take_tissue(self, other: "PathWindow") -> None:

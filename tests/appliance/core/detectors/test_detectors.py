@@ -55,6 +55,14 @@ def test_three_sigma_of_room_on_either_side_of_the_limit(solution, value_percent
     assert check.ratio == pytest.approx(abs(value_percent) / 5)
 
 
+def test_what_tissue_hides_is_room_of_the_axial_scale_alone(solution) -> None:
+    """Of .04, half is one sigma: 2 %, three of which leave no room within 5 %."""
+    before, now = (calibration_checks(replace(solution, hidden=hidden), LIMITS) for hidden in (0.0, 0.04))
+    wider = [k for k, (a, b) in enumerate(zip(before, now, strict=True)) if b.sigma > a.sigma]
+    assert [now[k].name for k in wider] == ["scale-axial"]
+    assert now[wider[0]].sigma == pytest.approx(np.hypot(before[wider[0]].sigma, 2.0))
+
+
 def test_what_was_not_observed_has_no_value(solution) -> None:
     checks = {c.name: c for c in calibration_checks(solution, LIMITS)}
     assert np.isnan(checks["offset-elevational"].value)
