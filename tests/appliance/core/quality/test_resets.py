@@ -2,6 +2,7 @@
 
 import pytest
 
+from appliance.core.path.tissue_compliance import TissueMotion
 from appliance.core.path.window import PathWindow
 from appliance.core.quality.evidence import Evidence
 from appliance.core.quality.resets import RESETS, Cause, Effect, State
@@ -59,6 +60,6 @@ def test_the_tissue_is_unknown_again_after_a_loss_of_sight_alone() -> None:
     evidence = fresh()
     assert evidence.window.tissue == DRAGS | PRESSES
     for cause in Cause:
-        evidence.window._tissue = 0
+        evidence.window._tissue = TissueMotion(0)
         evidence.reset(cause, ORIGIN_NS)
         assert evidence.window.tissue == (DRAGS | PRESSES if cause is Cause.SIGHT_LOST else 0), cause
