@@ -319,7 +319,7 @@ class Line:
     def _watch(self, item: StampedPair | Unpaired) -> None:
         item = self._undone(item)
         frame = item.frame
-        self._tracker.may = self._evidence.window.tissue
+        self._tracker.may = self._evidence.window.registered_as
         tracked = self._tracker.step(frame.image, frame.sequence)
         seen = observed(item.frame, item.matrix if isinstance(item, StampedPair) else None, tracked, self._reference)
         motion = self._analyse(item, tracked) if isinstance(item, StampedPair) else None

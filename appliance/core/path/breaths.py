@@ -153,6 +153,8 @@ def _size_and_sense(breathing_mm: Array) -> tuple[float, bool]:
 
 
 def _turns(t_s: Array, values: Array, prominence: float) -> Array:
+    if t_s.size < 3:  # A chain of one or two blocks has no turn.
+        return t_s[:0]
     apart = max(1, round(_SHORTEST_S / max(float(np.median(np.diff(t_s))), 1e-3)))
     return np.asarray(t_s[peaks(values, apart, prominence)])
 

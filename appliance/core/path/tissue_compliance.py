@@ -45,6 +45,9 @@ _UNSHOWN_RAD = float(np.deg2rad(Limits().rotation_deg))
 """Standard deviation of the axis where it is not looked at: of a rotation beyond its limit its own check tells."""
 _ANY = 10.0
 """Standard deviation of a share of which nothing is supposed."""
+_SHARP = 0.01
+"""Sigma of the share by which tissue follows, up to which it replaces what was known. More forgets it for a narrow
+turn; less keeps a first measurement that chance made too great. After 4 s of a gesture sigma is .005 to .008."""
 _ROUNDS = 3
 """Alternations of share and noise: the noise only weighs the supposed deviations. Not varied."""
 _TINY = 1e-9
@@ -73,10 +76,10 @@ class TissueMotion(NamedTuple):
         return max(self.follows[0] - self.follows[1], 0.0)
 
     def after(self, before: "TissueMotion") -> "TissueMotion":
-        """The same, of tissue that counted as rigid before with the greater of both shares: registered as rigid, tissue
-        that follows by .05 shows .01, where it may follow .04.
+        """The same, of tissue that counted as rigid before with the share of before where that is greater and this no
+        sharp measurement.
         """
-        kept = not before.may & PRESSES and before.hidden > self.hidden
+        kept = not before.may & PRESSES and before.hidden > self.hidden and self.follows[1] > _SHARP
         return self._replace(follows=before.follows) if kept else self
 
 

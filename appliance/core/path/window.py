@@ -281,6 +281,13 @@ class PathWindow:
         """
         return 0 if self._seen and self._seen[-1].tissue is None else self._tissue.may
 
+    @property
+    def registered_as(self) -> int:
+        """What registration lets tissue do, as bits: `tissue`, and follow a press where that is rigid but may hide a
+        share. Registered as rigid, tissue that follows by .05 shows .01 of it, and .04 where it may follow.
+        """
+        return self.tissue | PRESSES * (self._tissue.hidden > 0)
+
     def look_at_tissue(self, lag_s: float, scale_limit: float) -> int:
         """The same by all of the window. lag_s: of the tracker. scale_limit: relative, as `possible_tissue_motion`."""
         if self._seen and self._seen[-1].tissue is not None:
