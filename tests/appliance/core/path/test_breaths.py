@@ -79,6 +79,15 @@ def test_every_breath_is_found_though_no_two_are_alike() -> None:
     assert found.inside.all()
 
 
+def test_a_chain_of_a_single_block_has_no_breath_and_hides_none() -> None:
+    """numpy warned of the mean of an empty slice."""
+    whole = blocks()
+    chain = whole.chain.copy()
+    chain[-1] += 1
+    found = Breaths.found(replace(whole, chain=chain), breathing_mm(whole.t_s))
+    assert found is not None
+
+
 def test_what_is_believed_of_the_breaths_explains_them_once_it_is_fitted() -> None:
     given, truth = blocks(), breathing_mm(blocks().t_s)
     found = Breaths.found(given, truth)
