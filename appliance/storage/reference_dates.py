@@ -62,8 +62,8 @@ class Dates:
 
     @property
     def _counted(self) -> str:
-        """What a due date is counted from, and what helps where that was the day of a wrong clock: the same file again
-        does not.
+        """Names the day that the due date is counted from, and the remedy if the clock was wrong then: to use the same
+        file again does not help.
         """
         if self.first_use is None:
             return ""
@@ -92,8 +92,10 @@ def dates_of(entry: Entry, history: Iterable[Entry], content: bytes, due_days: i
             damages.append(f"its '{name}' is {stated[name][:40]!r}, no day such as 2027-05-01")
     try:
         since = _utc(entry.utc)
-        first_use = _first_use(entry, history, since)
-        counted = None if due_days is None else first_use + timedelta(days=due_days)
+        first_use = counted = None
+        if due_days is not None:
+            first_use = _first_use(entry, history, since)
+            counted = first_use + timedelta(days=due_days)
     except (ValueError, OverflowError):
         return Dates(damage=f"it came in force at {entry.utc[:40]!r}, which no calendar has")
     due = min((one for one in (ends["due"], counted) if one is not None), default=None)

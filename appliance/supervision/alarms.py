@@ -97,7 +97,7 @@ EXPIRED_CALIBRATION = "Calibration has expired: 'probewatch recalibrate --live'"
 """What to do where no motion can verify anything."""
 
 CHECK_BUMPED = "Check the tracker's position sensor; then 'probewatch ack --bump'"
-"""What to do at a tracker that was bumped: until then all its poses are a fault, and no motion verifies anything."""
+"""Remedy for a bumped tracker. Until it is acknowledged every pose is a fault, and no motion verifies anything."""
 
 NOT_NOW = "not possible while"
 """Before the state in which what was asked is not granted."""

@@ -87,11 +87,11 @@ def _parameter(index: int, solution: Solution | None, limits: Limits) -> Check:
     return _judged(check, limits.confidence_sigma, named_from(fault, limits, solution.rigid))
 
 
-def _judged(check: Check, confidence: float, named_from: float, bound: float = 0.0) -> Check:
-    """OK and FAULT both need `confidence` sigmas and the bound as room, to the limit and to what is named from; what
-    lies between shows nothing.
+def _judged(check: Check, confidence: float, fault_from: float, bound: float = 0.0) -> Check:
+    """OK and FAULT both need `confidence` sigmas and the bound as room: OK below the limit, FAULT beyond `fault_from`;
+    what lies between shows nothing.
     """
     room = confidence * check.sigma + bound
     if abs(check.value) + room <= check.limit:
         return replace(check, verdict=VerdictKind.OK)
-    return replace(check, verdict=VerdictKind.FAULT) if abs(check.value) - room > named_from else check
+    return replace(check, verdict=VerdictKind.FAULT) if abs(check.value) - room > fault_from else check

@@ -66,9 +66,10 @@ rotation of −9° within 60 s (the invariant's cart, its tissue taken for soft)
 Nothing between was tried. More names no fault in shallow pictures of patients.
 """
 LEAST_CLEAR_MM2 = 380.0
-"""The same of the area in which tissue is seen: drag and turn are told apart by it. Of a face of which .4 was off the
-skin of rigid tissue, 296 mm², three healthy carts in eleven were accused of a scale of +15 to +19 %; 390 mm² is .2 off
-it, where six were not (gesture, pictures of 32 by 21 mm). Rigid tissue is verified all the same.
+"""Area in which tissue is seen, below which nothing is concluded over tissue that may give way: a small area does not
+tell the drag of the skin from a turn. With 40 % of the face off the skin of rigid tissue (296 mm²) three healthy carts
+in eleven were accused of a scale of +15 to +19 %; with 20 % off (390 mm²) none of six was (gesture, pictures of 32 by
+21 mm). More withholds over narrow pictures. Rigid tissue is verified below it.
 """
 
 _TURN_MM = 15.6

@@ -283,8 +283,8 @@ class PathWindow:
 
     @property
     def registered_as(self) -> int:
-        """What registration lets tissue do, as bits: `tissue`, and follow a press where that is rigid but may hide a
-        share. Registered as rigid, tissue that follows by .05 shows .01 of it, and .04 where it may follow.
+        """Bits that registration allows: those of `tissue`, and PRESSES while rigid tissue may hide a share. Tissue
+        that follows by .05 shows .01 of it if registered as rigid, and .04 if it may follow.
         """
         return self.tissue | PRESSES * (self._tissue.hidden > 0)
 

@@ -42,7 +42,7 @@ class Shadows:
     def __init__(self) -> None:
         self._sector: Bits | None = None
         self.clear_share = 1.0
-        """Of the latest picture: what lies in the sector and in no shadow; 1 while the sector is not known."""
+        """Share of the latest picture that lies in the sector and in no shadow; 1 while the sector is not known."""
 
     def outside(self, levels: Pyramid, mask: Bits | None) -> Bits | None:
         """Returns where tissue may be seen and lies in no shadow. mask, result: (h, w) bool of the picture, True where
@@ -51,10 +51,11 @@ class Shadows:
         level = levels.levels[min(_LEVEL, levels.coarsest)]
         seen = None if mask is None else mask_at(mask, level.shape)
         shadow = _tall(self._dark(_lit(level, seen), seen))
-        widened = _widened(shadow)
+        widened = _widened(shadow) if shadow.any() else None
         if self._sector is not None:
-            self.clear_share = float(np.mean(self._sector & (widened == 0)))
-        if not shadow.any():
+            clear = self._sector if widened is None else self._sector & (widened == 0)
+            self.clear_share = float(np.mean(clear))
+        if widened is None:
             return mask
         height, width = levels.shape
         covered = cv2.resize(widened, (width, height), interpolation=cv2.INTER_NEAREST) > 0

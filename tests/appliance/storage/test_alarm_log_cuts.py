@@ -25,7 +25,7 @@ def start(folder: Path) -> None:
 
 
 def cuts_of(folder: Path) -> list[Image]:
-    """What each cut of a start can leave, but for the names of temporary files."""
+    """Returns the states of the disk that each cut of a start can leave; names of temporary files do not count."""
     with recorded(folder) as disk:
         start(folder)
     whole = [{name: content for name, content in image.items() if not name.endswith(".tmp")} for image in disk.cuts]

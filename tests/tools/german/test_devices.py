@@ -1,4 +1,4 @@
-"""What a German cart says of devices that are connected, tried or probed is German; their own words stay."""
+"""A German cart lists, tries and probes devices in German; the words of a device itself stay as they are."""
 
 import re
 from collections.abc import Iterator

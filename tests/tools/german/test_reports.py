@@ -29,7 +29,7 @@ __all__ = ["cart"]
 OURS = {fault.value for fault in Fault} | {"Name", "SHA-256", "probewatch", "UTC", "min", "Version"}
 """Names, units and words that are the same in both languages."""
 GIVEN = ("mycart", "anna", r"[\w-]+\.(?:toml|jsonl?)", "probewatch log --verify")
-"""What the test calls a cart, a person and a file, and a command."""
+"""Names of a cart, a person, a file and a command, which are the same in both languages."""
 ENGLISH = {word for text in (*GERMAN, *GERMAN_OF_TOOLS) for word in re.findall(r"\b[a-z]{3,}\b", text)}
 ENGLISH -= {word for text in (*GERMAN.values(), *GERMAN_OF_TOOLS.values()) for word in re.findall(r"\w+", text)}
 """Words that only the English texts of the tables have."""
@@ -43,7 +43,7 @@ def texts_on(page: Path) -> list[str]:
 
 
 def english_on(english: Path, german: Path) -> Iterator[str]:
-    """What is left of the English page on the German one: texts that are the same, but for names, and English words."""
+    """Returns the English left on the German page: texts that are the same on both, except names, and English words."""
     both = list(zip(texts_on(english), texts_on(german), strict=True))
     for said, told in both:
         named = re.sub("|".join(sorted({*OURS, *GIVEN}, key=len, reverse=True)), "", told)
@@ -147,7 +147,7 @@ def test_english_that_is_left_is_seen(tmp_path: Path) -> None:
 
 
 def damages(folder: Path) -> Iterator[Damage]:
-    """What is said of a log that was hurt in each way that hands have."""
+    """Returns the damages reported for a log that was edited, cut or deleted by hand."""
     entries: list[tuple[float, str, dict[str, object]]] = [(float(n), "started", {}) for n in range(6)]
     (segment,) = logged(folder, entries).glob("alarms-*.jsonl")
     lines = segment.read_bytes().splitlines(keepends=True)

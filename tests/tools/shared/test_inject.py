@@ -3,18 +3,10 @@
 import numpy as np
 import pytest
 
-from drivers.recordings.metaimage_writing import write_metaimage
 from drivers.samples import Frame, Pose, PoseStatus
 from drivers.twins.faults import Episode
-from tests.support.recordings import PERIOD_NS, REPLAYED_PX, START_NS, items, picture
+from tests.support.recordings import PERIOD_NS, REPLAYED_PX, START_NS, picture
 from tests.tools.commands.test_replay import spoiled
-
-
-@pytest.fixture
-def session(tmp_path):
-    path = tmp_path / "session.igs.mha"
-    write_metaimage(path, items(40, REPLAYED_PX), REPLAYED_PX)
-    return path
 
 
 def split(samples):

@@ -1,4 +1,4 @@
-"""What a German cart refuses of a command line is German, whole or not at all."""
+"""A usage error on a German cart is German as a whole, or English as a whole."""
 
 from pathlib import Path
 

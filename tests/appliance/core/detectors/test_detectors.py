@@ -56,7 +56,7 @@ def test_three_sigma_of_room_on_either_side_of_the_limit(solution, value_percent
 
 
 def test_what_tissue_hides_is_room_of_the_axial_scale_alone(solution) -> None:
-    """Of .04, half is one sigma: 2 %, three of which leave no room within 5 %."""
+    """Half of a hidden share of .04 is added as a sigma of 2 %."""
     before, now = (calibration_checks(replace(solution, hidden=hidden), LIMITS) for hidden in (0.0, 0.04))
     wider = [k for k, (a, b) in enumerate(zip(before, now, strict=True)) if b.sigma > a.sigma]
     assert [now[k].name for k in wider] == ["scale-axial"]

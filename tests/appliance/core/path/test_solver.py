@@ -96,8 +96,8 @@ def test_stated_sigmas_cover_the_truth(frames: int, most: float) -> None:
 def test_errors_are_unbiased_and_covered_over_six_hundred_runs(
     path, prior: Prior, told: int, most: float, position_mm: float
 ) -> None:  # type: ignore[no-untyped-def]
-    """Of freehand motion the sigmas are rather too large: slanted tissue and tilts that lead registration astray,
-    which this has not, are always expected; .90 without the tilts.
+    """The sigmas of freehand motion are too large here: the model always expects slanted tissue and tilts that lead
+    registration astray, which this simulation lacks. Without the tilts the bound was .90.
     """
     changes, sigmas = study(path, prior, 120, 600, Noise(position_mm=position_mm))
     changes, sigmas = changes[:, :told], sigmas[:, :told]
