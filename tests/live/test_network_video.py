@@ -66,9 +66,9 @@ def test_a_network_camera_is_lost_once_and_back_once_whatever_happens_to_it(port
             follow(thread, "started again", lambda: thread.lost is None and len(frames) > seen + 5, BACK_S)
         finally:
             thread.stop()
+            thread.join(10)  # Before the camera ends, which the thread would still report.
             camera.kill()
             camera.communicate()
-            thread.join(10)
     told = [entry["event"] for entry in entries if str(entry["event"]).startswith("device")]
     assert told == ["device lost", "device back"] * 2
     assert thread.failure is None
