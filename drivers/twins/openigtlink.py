@@ -4,7 +4,6 @@ Pictures go out as IMAGE, poses as TRANSFORM; what has no matrix goes out with t
 word for why. GET_STATUS is answered.
 """
 
-import json
 import math
 import queue
 import socket
@@ -24,6 +23,7 @@ from drivers.openigtlink.image import Image
 from drivers.openigtlink.message import UTF_8, Message, encode, time_of
 from drivers.openigtlink.stream import MessageStream
 from drivers.samples import Frame, Matrix4, Pose, PoseStatus, Sample, Stamp
+from drivers.twins.events import Events
 from drivers.twins.fault_control import FaultControl
 from drivers.twins.faults import spoil_witness
 from drivers.twins.tcp_server import ListeningTwin, TcpServer
@@ -138,7 +138,7 @@ class IgtlTwin(ListeningTwin[_Client]):
         self, address: tuple[str, int], clock: HostClock, sources: tuple[Opener, ...], faults: FaultControl
     ) -> None:
         self.faults = faults
-        self._clock, self._sources = clock, sources
+        self._clock, self._sources, self._events = clock, sources, Events()
         self._utc_ns = time.time_ns() - clock.now_ns()
         self._samples: queue.Queue[Sample] = queue.Queue(_WAITING)
         self._active: frozenset[str] = frozenset()
@@ -276,4 +276,4 @@ class IgtlTwin(ListeningTwin[_Client]):
         return bytes(data)
 
     def _note(self, what: str, value: object) -> None:
-        print(json.dumps({"t_ns": self._clock.now_ns(), what: value}), flush=True)
+        self._events.tell({"t_ns": self._clock.now_ns(), what: value})

@@ -1,24 +1,20 @@
 """A simulated LCUS relay board, which prints every change of a contact."""
 
-import json
 from collections.abc import Callable
 from threading import Event
 
 from drivers.clock.host_clock import HostClock
 from drivers.outputs.relay import BAUD, COMMAND_BYTES, START, STATUS_QUERY
+from drivers.twins.events import Events
 from drivers.twins.pty_line import IDLE_S, PtyLine
 
 Change = dict[str, int | bool]
 """{"t_ns": of the clock, "channel": number, "energised": whether it has closed}."""
 
 
-def _printed(change: Change) -> None:
-    print(json.dumps(change), flush=True)
-
-
 class RelayBoard:
     """contacts: channel → closed. answers: reports its contacts when asked, as boards with a microcontroller do.
-    on_change: is called with every change.
+    on_change: is called with every change; without it they are printed.
     """
 
     def __init__(
@@ -27,11 +23,11 @@ class RelayBoard:
         clock: HostClock,
         channels: int = 1,
         answers: bool = True,
-        on_change: Callable[[Change], None] = _printed,
+        on_change: Callable[[Change], None] | None = None,
     ) -> None:
         self.contacts = dict.fromkeys(range(1, channels + 1), False)
         self.stuck = False
-        self._line, self._clock, self._answers, self._on_change = line, clock, answers, on_change
+        self._line, self._clock, self._answers, self._on_change = line, clock, answers, on_change or Events().tell
         self._received = bytearray()
 
     def run(self, stop: Event) -> None:

@@ -1,6 +1,5 @@
 """A simulated scanner with a video output for `sim:PATH`, which prints what changes."""
 
-import json
 import socket
 import stat
 import time
@@ -12,6 +11,7 @@ from typing import Self
 from drivers.clock.host_clock import HostClock
 from drivers.closable import Closable
 from drivers.samples import GreyImage
+from drivers.twins.events import Events
 from drivers.twins.fault_control import FaultControl
 from drivers.twins.faults import FUTURE_S, blank_image, frozen_image
 from drivers.twins.scene.tank import PlaceOfWork
@@ -98,6 +98,7 @@ class Scanner:
 
     def __init__(self, world: World | PlaceOfWork, plug: VideoPlug, clock: HostClock, faults: FaultControl) -> None:
         self._world, self._plug, self._clock, self._faults = world, plug, clock, faults
+        self._events = Events()
         self._period_s = 1 / world.settings.fps
         self._cost_s = 0.0
         self._held: GreyImage | None = None
@@ -158,7 +159,6 @@ class Scanner:
         self._cost_s += 0.2 * (cost_s - self._cost_s)
         return frame
 
-    @staticmethod
-    def _note(t_ns: int, what: str, value: object, changed: bool) -> None:
+    def _note(self, t_ns: int, what: str, value: object, changed: bool) -> None:
         if changed:
-            print(json.dumps({"t_ns": t_ns, what: value}), flush=True)
+            self._events.tell({"t_ns": t_ns, what: value})

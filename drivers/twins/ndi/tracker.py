@@ -1,6 +1,5 @@
 """A simulated NDI tracker on its line: timing of the bytes, line speeds, restarts, and faults while it runs."""
 
-import json
 from collections.abc import Callable
 from contextlib import suppress
 from threading import Event
@@ -8,6 +7,7 @@ from threading import Event
 from drivers.clock.host_clock import HostClock
 from drivers.io.serial_port import BITS_PER_BYTE
 from drivers.trackers.ndi.wire import encode_text
+from drivers.twins.events import Events
 from drivers.twins.fault_control import FaultControl
 from drivers.twins.ndi.combined_api import BUMPED, PTP_LOST, TOO_HOT, CombinedApi
 from drivers.twins.ndi.measurement import TOOL_FAULTS
@@ -57,7 +57,7 @@ class NdiTwin:
     def __init__(self, line: TwinLine, clock: HostClock, device: CombinedApi, control: FaultControl) -> None:
         self.device, self.control = device, control
         self.spoil: Spoil = bytes
-        self._line, self._clock = line, clock
+        self._line, self._clock, self._events = line, clock, Events()
         self._received: dict[int, bytearray] = {}
         self._since: dict[str, float] = {}
         self._boot_ns: int | None = None
@@ -124,7 +124,7 @@ class NdiTwin:
 
     def _note(self, what: str, value: object) -> None:
         with suppress(BrokenPipeError):  # of a parent that no longer reads
-            print(json.dumps({"t_ns": self._clock.now_ns(), what: value}), flush=True)
+            self._events.tell({"t_ns": self._clock.now_ns(), what: value})
 
     def _begin(self, name: str, now_s: float) -> None:
         match name:

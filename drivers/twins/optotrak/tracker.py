@@ -1,6 +1,5 @@
 """A simulated Optotrak behind a First Principles server (RTC3D)."""
 
-import json
 import random
 import socket
 import struct
@@ -24,6 +23,7 @@ from drivers.trackers.optotrak.rtc3d import (
     encode_packet,
     packet_length,
 )
+from drivers.twins.events import Events
 from drivers.twins.fault_control import FaultControl
 from drivers.twins.optotrak.first_principles import Device, Session
 from drivers.twins.tcp_server import ListeningTwin, TcpServer
@@ -129,7 +129,7 @@ class OptotrakTwin(ListeningTwin[_Client]):
 
     def __init__(self, address: tuple[str, int], clock: HostClock, device: Device, faults: FaultControl) -> None:
         self.device, self.faults = device, faults
-        self._clock = clock
+        self._clock, self._events = clock, Events()
         self._random = random.Random(0)
         self._active: frozenset[str] = frozenset()
         self._sent = -1
@@ -260,7 +260,7 @@ class OptotrakTwin(ListeningTwin[_Client]):
         return min(times_ns)
 
     def _note(self, what: str, value: object) -> None:
-        print(json.dumps({"t_ns": self._clock.now_ns(), what: value}), flush=True)
+        self._events.tell({"t_ns": self._clock.now_ns(), what: value})
 
 
 def serve(address: tuple[str, int], clock: HostClock, device: Device, faults: FaultControl, stop: Event) -> None:
@@ -268,5 +268,5 @@ def serve(address: tuple[str, int], clock: HostClock, device: Device, faults: Fa
     # A parent that no longer reads the events shall not be answered with a traceback.
     with suppress(BrokenPipeError), OptotrakTwin(address, clock, device, faults) as twin:
         host, port = twin.address
-        print(json.dumps({"ready": True, "url": f"optotrak://{host}:{port}?body=1"}), flush=True)
+        Events().tell({"ready": True, "url": f"optotrak://{host}:{port}?body=1"})
         twin.run(stop)
