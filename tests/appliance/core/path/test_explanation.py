@@ -8,7 +8,8 @@ import pytest
 
 from appliance.core.path.conventions import Convention
 from appliance.core.path.explanation import Explanation, explain, recent_lag
-from appliance.core.path.window import PathWindow, PoseTrack
+from appliance.core.path.pose_track import PoseTrack
+from appliance.core.path.window import PathWindow
 from appliance.core.spread_work import run_to_end
 from appliance.types import Calibration
 from drivers.rigid import Array, inverse, quaternion_from_rotation, rigid, rotation_from_quaternion
