@@ -22,7 +22,7 @@ _AXIAL_SCALE = SCALE.stop - 1
 _OF_HIDDEN = 0.5
 """Standard deviation of what tissue hides of the axial scale, as a share of that by which it follows a press: the error
 may be all of it. Less closed the contact on an axial scale wrong by 8 % over foam that follows by .05 (limit 5 %); more
-verifies less over rigid tissue, where .004 is hidden at most.
+verifies less over rigid tissue, where a gesture leaves .005 to .01.
 """
 
 
@@ -78,8 +78,8 @@ def _parameter(index: int, solution: Solution | None, limits: Limits) -> Check:
         return Check(name, fault, nan, nan, unit, limit, VerdictKind.NOT_VERIFIED)
     value = float(solution.change[index]) * factor
     left_out = quantity.left_out_rigid if solution.rigid else quantity.left_out
-    hidden = solution.hidden * factor * _OF_HIDDEN if index == _AXIAL_SCALE else 0.0
-    sigma = hypot(sqrt(float(solution.covariance[index, index])) * factor, left_out, hidden)
+    hides = solution.hides * factor * _OF_HIDDEN if index == _AXIAL_SCALE else 0.0
+    sigma = hypot(sqrt(float(solution.covariance[index, index])) * factor, left_out, hides)
     if name in dragged(solution.travel_mm) or not solution.calibration.observed[index]:
         return Check(name, fault, nan, sigma, unit, limit, VerdictKind.NOT_VERIFIED)
     shown_ns = int(solution.shown_ns[index])

@@ -103,7 +103,7 @@ class PathResidual:
     def __init__(self, samples: PathSamples, reference: Calibration, planar: bool) -> None:
         self._samples, self._reference, self._planar = samples, reference, planar
         self.rigid = planar or samples.rigid
-        self.hidden = 0.0 if planar else samples.hidden
+        self.hides = 0.0 if planar else samples.hides
         self._latest: tuple[bytes, Array] | None = None
         self.blocks = samples.blocks
         lateral, axial = reference.polarity

@@ -26,7 +26,7 @@ class PathSamples:
     at t_s + latency; earlier_poses, later_poses: the same, half of `apart_s` before and after, for the derivative by
     latency. apart_s spans several pose periods, or tracker noise would drown the velocity. origin_ns: stamp that t_s
     counts from. rigid: whether the motion shows that the tissue does not give way, whose path it then is. clear_share:
-    of the pictures, in which tissue is seen, mean. hidden: share by which rigid tissue surely follows a press.
+    of the pictures, in which tissue is seen, mean. hides: share by which rigid tissue may follow a press.
     """
 
     t_s: Array
@@ -40,7 +40,7 @@ class PathSamples:
     origin_ns: int = 0
     rigid: bool = False
     clear_share: float = 1.0
-    hidden: float = 0.0
+    hides: float = 0.0
 
     @cached_property
     def made(self) -> dict[tuple[object, ...], Any]:

@@ -115,8 +115,8 @@ class Solution:
     covariance: (9, 9). correlation: of measured and predicted in-plane motion without the tissue's own, the worse of
     the two axes that moved; NaN where none did. motions: pictures used. noise: as learned. misfit: −2 log
     likelihood per picture. travel_mm: (2,) as of `PathResidual`. way_mm: the furthest that the probe went along any
-    axis. follow: of the tissue. rigid: whether the tissue was shown not to give way. hidden: share by which it
-    follows a press all the same.
+    axis. follow: of the tissue. rigid: whether the tissue was shown not to give way. hides: share by which it
+    may follow a press all the same.
 
     shown_ns: (9,) for each of θ the stamp on either side of which half of the information on it lies. An estimate that
     mixes motion from before and after a change of twice its limit stays within the limit only while less than half of
@@ -136,7 +136,7 @@ class Solution:
     way_mm: float
     follow: Follow
     rigid: bool
-    hidden: float
+    hides: float
 
 
 def solve(
@@ -368,7 +368,7 @@ class _Problem:
             max(float(self._travel_mm.max()), float(np.ptp(self.residual.elevation_mm))),
             Follow(follow, float(np.sqrt(covariance[FOLLOW, FOLLOW]))),
             self.residual.rigid,
-            self.residual.hidden,
+            self.residual.hides,
         )
         self.residual.reckon(follow, tilt)
         return solution

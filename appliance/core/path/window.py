@@ -160,8 +160,8 @@ class PathWindow:
         seen = t_s[keep], chain[keep], u_px[keep], alpha[keep]
         clear = float(np.mean([motion.tissue.clear_share for motion in self._seen if motion.tissue] or [1.0]))
         origin_ns, rigid_tissue = self._seen[0].stamp.t_ns, not self.tissue & PRESSES
-        hidden = self._tissue.hidden if rigid_tissue else 0.0
-        return PathSamples(*seen, poses, earlier, later, _APART_S, origin_ns, rigid_tissue, clear, hidden)
+        hides = self._tissue.hides
+        return PathSamples(*seen, poses, earlier, later, _APART_S, origin_ns, rigid_tissue, clear, hides)
 
     @property
     def tissue(self) -> int:
@@ -175,7 +175,7 @@ class PathWindow:
         """Bits that registration allows: those of `tissue`, and PRESSES while rigid tissue may hide a share. Tissue
         that follows by .05 shows .01 of it if registered as rigid, and .04 if it may follow.
         """
-        return self.tissue | PRESSES * (self._tissue.hidden > 0)
+        return self.tissue | PRESSES * (self._tissue.surely > 0)
 
     def look_at_tissue(self, lag_s: float, scale_limit: float) -> int:
         """The same by all of the window. lag_s: of the tracker. scale_limit: relative, as `possible_tissue_motion`."""

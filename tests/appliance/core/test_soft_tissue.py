@@ -56,6 +56,17 @@ def test_an_error_beyond_the_limit_is_hidden_by_no_foam_that_passes_for_rigid(pr
     assert watched("foam-0.05", 14.0, 1, profile=profile).faults == ""
 
 
+@pytest.mark.parametrize("seed", [1, 2])
+def test_nor_without_a_gesture(seed: int) -> None:
+    """Closed for 3 and 5 s, while a narrow turn had not shown by how much the foam follows."""
+    assert watched("foam-0.05", 20.0, seed, "scale-axial=-8@start", motion="in-plane").closed == 0
+
+
+def test_rigid_tissue_is_verified_whatever_share_its_first_motion_shows() -> None:
+    """Of .09 ± .05, which was kept: not verified in 30 s."""
+    assert watched("still", 15.0, 5, motion="in-plane").closed > 0
+
+
 def test_over_foam_tighter_limits_accuse_no_healthy_probe() -> None:
     """It was named `offset`, +8.6 mm of 1.5 mm, after 8.8 s."""
     assert watched("foam-0.1", 10.0, 1, profile="fine").faults == ""

@@ -57,7 +57,7 @@ def test_three_sigma_of_room_on_either_side_of_the_limit(solution, value_percent
 
 def test_what_tissue_hides_is_room_of_the_axial_scale_alone(solution) -> None:
     """Half of a hidden share of .04 is added as a sigma of 2 %."""
-    before, now = (calibration_checks(replace(solution, hidden=hidden), LIMITS) for hidden in (0.0, 0.04))
+    before, now = (calibration_checks(replace(solution, hides=hides), LIMITS) for hides in (0.0, 0.04))
     wider = [k for k, (a, b) in enumerate(zip(before, now, strict=True)) if b.sigma > a.sigma]
     assert [now[k].name for k in wider] == ["scale-axial"]
     assert now[wider[0]].sigma == pytest.approx(np.hypot(before[wider[0]].sigma, 2.0))
