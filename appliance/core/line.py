@@ -161,7 +161,9 @@ class Line:
         """What the whole session showed; frames still waiting for a pose stay unpaired."""
         self._pairing.finish()
         session = self._evidence.finish()
-        verdict = self._judgement.overall((*self._believed(self._evidence.final(session)), *self._detected()))
+        verdict = self._judgement.overall(
+            (*self._believed(self._evidence.final(session)), *self._detected()), self._evidence.lack
+        )
         return LineReport(
             frames=self._frames,
             poses=self._poses,

@@ -74,6 +74,12 @@ GERMAN = {text: german for row in FAULT_ROWS.values() for text, german in row.tr
     "verified only in parts": "nur in Teilen bestätigt",
     "not shown yet: {names}": "noch nicht gezeigt: {names}",
     "the picture does not continue the one that was verified": "das Bild setzt das bestätigte nicht fort",
+    "picture too shallow: {value} mm, over tissue that may give way {least} mm needed": (
+        "Bild zu flach: {value} mm, über Gewebe, das nachgeben kann, {least} mm nötig"
+    ),
+    "too little tissue in the picture: {value} mm², where it may give way {least} mm² needed": (
+        "zu wenig Gewebe im Bild: {value} mm², wo es nachgeben kann, {least} mm² nötig"
+    ),
     "too little in-plane motion to show: {names}": "zu wenig Bewegung in der Bildebene für: {names}",
     "cause undecided, {margin} nat apart: {names}": "Ursache unentschieden, {margin} nat auseinander: {names}",
     "to decide: {motions}": "zur Unterscheidung: {motions}",

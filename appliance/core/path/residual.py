@@ -9,6 +9,7 @@ costs time in proportion to the pictures is done once for all iterations, and bl
 """
 
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -91,6 +92,14 @@ _TINY = 1e-6
 """Instead of zero where something is known."""
 
 Columns = list[Array | ComplexArray]
+
+
+class Lack(NamedTuple):
+    """A property of the pictures that is too small: its name with the unit, its value, and the least that would do."""
+
+    name: str
+    value: float
+    least: float
 
 
 class PathResidual:
@@ -329,15 +338,26 @@ class PathResidual:
         return np.stack([path.real, path.imag])
 
     @cached_property
+    def lack(self) -> Lack | None:
+        """What the pictures lack for anything to be concluded over tissue that may give way; None where it is nothing,
+        and over rigid tissue.
+        """
+        area_mm2 = float(np.prod(self._reference.scale_mm_per_px * self._reference.image_size_px))
+        of_picture = {
+            "depth_mm": (2 * abs(float(self._reference.face_mm[1])), LEAST_DEPTH_MM),
+            "tissue_mm2": (area_mm2 * self._samples.clear_share, LEAST_CLEAR_MM2),
+        }
+        lacks = (Lack(what, *measure) for what, measure in of_picture.items() if measure[0] < measure[1])
+        return None if self.rigid else next(lacks, None)
+
+    @cached_property
     def is_informative(self) -> bool:
         """Whether anything may be concluded: tissue is rigid, or the picture is deep and clear enough and the probe has
         turned enough.
         """
         if self.rigid:
             return True
-        area_mm2 = float(np.prod(self._reference.scale_mm_per_px * self._reference.image_size_px))
-        shallow = 2 * abs(self._reference.face_mm[1]) < LEAST_DEPTH_MM
-        if shallow or area_mm2 * self._samples.clear_share < LEAST_CLEAR_MM2:
+        if self.lack is not None:
             return False
         turn_rad = self.blocks.without_offsets((self._angles[0][-1].real - self._rigid(NOTHING)[2, VALUE])[None])
         return bool(np.diff(np.quantile(turn_rad, [0.025, 0.975]))[0] >= LEAST_TURN_RAD)

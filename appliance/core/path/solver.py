@@ -26,6 +26,7 @@ from appliance.core.path.residual import (
     TAU,
     TILT,
     VALUE,
+    Lack,
     PathResidual,
 )
 from appliance.core.path.samples import PathSamples
@@ -116,7 +117,7 @@ class Solution:
     the two axes that moved; NaN where none did. motions: pictures used. noise: as learned. misfit: −2 log
     likelihood per picture. travel_mm: (2,) as of `PathResidual`. way_mm: the furthest that the probe went along any
     axis. follow: of the tissue. rigid: whether the tissue was shown not to give way. hides: share by which it
-    may follow a press all the same.
+    may follow a press all the same. lack: what the pictures lack for anything to be concluded.
 
     shown_ns: (9,) for each of θ the stamp on either side of which half of the information on it lies. An estimate that
     mixes motion from before and after a change of twice its limit stays within the limit only while less than half of
@@ -137,6 +138,7 @@ class Solution:
     follow: Follow
     rigid: bool
     hides: float
+    lack: Lack | None = None
 
 
 def solve(
@@ -369,6 +371,7 @@ class _Problem:
             Follow(follow, float(np.sqrt(covariance[FOLLOW, FOLLOW]))),
             self.residual.rigid,
             self.residual.hides,
+            self.residual.lack,
         )
         self.residual.reckon(follow, tilt)
         return solution

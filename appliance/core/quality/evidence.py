@@ -7,6 +7,7 @@ from dataclasses import replace
 from appliance.core.detectors.polarity import obvious_flip
 from appliance.core.parameters import BREATHED
 from appliance.core.path.explanation import Explanation
+from appliance.core.path.residual import Lack
 from appliance.core.path.solver import Follow
 from appliance.core.path.window import PathWindow
 from appliance.core.quality.confirmation import (
@@ -182,14 +183,18 @@ class Evidence:
         return self._limits.required_age_s.names
 
     @property
+    def lack(self) -> Lack | None:
+        """What the pictures of the latest solution lack for anything to be concluded; None without one."""
+        return None if self._latest.solution is None else self._latest.solution.lack
+
+    @property
     def status(self) -> VerificationStatus:
         """The verification so far: what is shown, and which contradictions stand."""
-        contradiction, status = self.distortion.contradiction, self._verification.status
+        contradiction, status = self.distortion.contradiction, replace(self._verification.status, lack=self.lack)
         if contradiction is None:
             return status
-        return VerificationStatus(
-            status.required, contradictions=(*status.contradictions, contradiction), rivals=status.rivals
-        )
+        standing = (*status.contradictions, contradiction)
+        return replace(status, verified_ns=None, expires_ns=None, contradictions=standing)
 
     def shows(self, fault: Fault) -> bool:
         """Returns True where the latest solution verifies every parameter of that class."""

@@ -4,6 +4,7 @@ from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import replace
 
+from appliance.core.path.residual import Lack
 from appliance.core.quality.check_fields import up_to
 from appliance.core.quality.gesture import gestures
 from appliance.core.quality.verification import Contradiction, VerificationStatus
@@ -34,6 +35,11 @@ what mends by itself and must not hide what waits for a person."""
 BROKE = "the picture does not continue the one that was verified"
 """Lifted off, or another setting of the scanner: no detector names which."""
 _NOT_YET = "not shown yet"
+_LACKS = {
+    "depth_mm": "picture too shallow: {value:.0f} mm, over tissue that may give way {least:.0f} mm needed",
+    "tissue_mm2": "too little tissue in the picture: {value:.0f} mm², where it may give way {least:.0f} mm² needed",
+}
+"""What is said of a `Lack`, by its name."""
 
 
 def judge(t_ns: int, checks: tuple[Check, ...], status: VerificationStatus, broke: bool = False) -> Verdict:
@@ -60,7 +66,8 @@ def judge(t_ns: int, checks: tuple[Check, ...], status: VerificationStatus, brok
     missing = [name for name in status.required if name not in _shown(checks)]
     kind = VerdictKind.NOT_VERIFIED if missing else VerdictKind.OK
     verified = "; ".join(["calibration verified", *_doubts(checks)])
-    reason = _unverified(checks, f"{BROKE}; {_NOT_YET}" if broke else _NOT_YET, missing) if missing else verified
+    lacking = [*_lacks(status.lack), *([BROKE] if broke else []), _NOT_YET]
+    reason = _unverified(checks, "; ".join(lacking), missing) if missing else verified
     return Verdict(t_ns, kind, checks, None, reason, status.verified_ns, status.expires_ns)
 
 
@@ -114,12 +121,13 @@ class Judgement:
             self._lasted_ns[verdict.fault] = max(self._lasted_ns[verdict.fault], verdict.t_ns - since_ns)
             self._failing[verdict.fault] = verdict
 
-    def overall(self, checks: tuple[Check, ...]) -> Verdict:
+    def overall(self, checks: tuple[Check, ...], lack: Lack | None = None) -> Verdict:
         """FAULT if one lasted a second, else OK if the calibration was verified at any time, else FAULT if all of the
         recording shows that the tracker is late, else NOT_VERIFIED.
         Beside a FAULT there is no error of a point, else it is as it was last known.
 
-        checks: the best that was known of each quantity; a lasting fault puts its failing checks in their place.
+        checks: the best that was known of each quantity; a lasting fault puts its failing checks in their place. lack:
+        of the pictures at the end.
         """
         fault = max(self._lasted_ns, key=lambda name: self._lasted_ns[name], default=None)
         if fault is not None and self._lasted_ns[fault] >= _LASTING_NS:
@@ -133,7 +141,7 @@ class Judgement:
             reason = f"{_sentence(late)}, by all of the recording"
             return Verdict(self._last_ns, VerdictKind.FAULT, checks, Fault.LATENCY, reason)
         missing = [name for name in self._required if name not in _shown(checks)]
-        unverified = _unverified(checks, "too little in-plane motion to show", missing)
+        unverified = _unverified(checks, "; ".join([*_lacks(lack), "too little in-plane motion to show"]), missing)
         reason = _undecided(self._rivals) if self._rivals else unverified
         kind = VerdictKind.NOT_VERIFIED
         return Verdict(self._last_ns, kind, checks, None, reason, rivals=self._rivals, point=self._point)
@@ -155,6 +163,10 @@ def _unverified(checks: tuple[Check, ...], lack: str, missing: list[str]) -> str
         return f"picture and tracker disagree: {agreement.name} {agreement.ratio:.3g} × its limit"
     lacking = f"{lack}: {', '.join(missing)}" if missing else "verified only in parts"
     return "; ".join([*_doubts(checks), lacking])
+
+
+def _lacks(lack: Lack | None) -> list[str]:
+    return [] if lack is None else [_LACKS[lack.name].format(value=lack.value, least=lack.least)]
 
 
 def _doubts(checks: tuple[Check, ...]) -> list[str]:

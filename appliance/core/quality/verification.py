@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from math import isfinite
 
 from appliance.core.parameters import BREATHED
+from appliance.core.path.residual import Lack
 from appliance.core.quality.stationary_time import StationaryTime
 from appliance.limits import Limits
 from appliance.types import PARAMETERS, Check, Rival, VerdictKind
@@ -37,7 +38,7 @@ class VerificationStatus:
 
     `required` holds the names of the checks that must pass before the contact closes. `verified_ns` and `expires_ns`
     are as in `Verdict`. `contradictions` holds those not yet resolved, worst first. `rivals` is as in `Verdict`, of
-    contradictions that stand.
+    contradictions that stand. `lack` is what the pictures lack for any motion to show anything.
     """
 
     required: tuple[str, ...]
@@ -45,6 +46,7 @@ class VerificationStatus:
     expires_ns: int | None = None
     contradictions: tuple[Contradiction, ...] = ()
     rivals: tuple[Rival, ...] = ()
+    lack: Lack | None = None
 
 
 class Verification:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from appliance.core.line import Line
+from appliance.core.path.residual import Lack
 from appliance.core.quality.gesture import Gesture
 from appliance.core.quality.judgement import BROKE, Judgement, bounded, judge
 from appliance.core.quality.proposal import propose
@@ -81,7 +82,7 @@ def test_nothing_is_translated_that_nobody_says() -> None:
     said = {"calibration verified", "verified only in parts", "Probe on tissue", BROKE}
     said |= {gesture.value for gesture in Gesture} | PROPOSED
     assert set(GERMAN) == tables | words | reasons | units | said
-    assert len(reasons) == 15
+    assert len(reasons) == 17
 
 
 def test_every_word_of_the_status_is_translated_with_the_same_fields() -> None:
@@ -115,7 +116,10 @@ def checks(**values: tuple[float, float, VerdictKind]) -> tuple[Check, ...]:
         bounded(judge(0, checks(), STATUS), None, 2.5).reason,
         bounded(judge(0, checks(), STATUS), PointError((1.0, 3.1), (1.0, 2.0), None, None, 0), 2.5).reason,
         bounded(judge(0, (), STATUS), PointError((1.0, 3.1), (1.0, 2.0), None, None, 0), 2.5).reason,
+        judge(0, (), replace(STATUS, lack=Lack("depth_mm", 13.2, 18.0))).reason,
+        judge(0, (), replace(STATUS, lack=Lack("tissue_mm2", 296.0, 380.0)), broke=True).reason,
         Judgement(REQUIRED).overall(()).reason,
+        Judgement(REQUIRED).overall((), Lack("depth_mm", 13.2, 18.0)).reason,
         Judgement(REQUIRED).overall(checks()).reason,
         replace(judge(0, (), STATUS), reason=OUTDATED).reason,
     ],

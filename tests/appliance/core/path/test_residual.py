@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from appliance.core.path.residual import NOTHING, OFFSET, SCALE, TAU, VALUE, PathResidual
+from appliance.core.path.residual import NOTHING, OFFSET, SCALE, TAU, VALUE, Lack, PathResidual
 from appliance.core.path.solver import Prior, solve
 from drivers.rigid import Array, rigid, rotation_from_vector
 from tests.support import motions
@@ -72,7 +72,9 @@ def test_over_tissue_that_may_give_way_a_shallow_picture_shows_nothing(rows: int
     truth = replace(TRUTH, image_size_px=(640, rows))
     for rigid_tissue in (False, True):
         given = samples(tilting_path, 240, 2, motions.Noise(), truth, rigid_tissue=rigid_tissue)
-        assert PathResidual.of(given, truth).is_informative is (tells or rigid_tissue)
+        residual = PathResidual.of(given, truth)
+        assert residual.is_informative is (tells or rigid_tissue)
+        assert residual.lack == (None if tells or rigid_tissue else Lack("depth_mm", 200 * 0.07, 18.0))
 
 
 @pytest.mark.parametrize(("clear_share", "tells"), [(0.35, False), (0.73, True)])
@@ -84,7 +86,10 @@ def test_over_tissue_that_may_give_way_a_picture_that_shows_little_of_it_shows_n
     for rigid_tissue in (False, True):
         given = samples(tilting_path, 240, 2, motions.Noise(), truth, rigid_tissue=rigid_tissue)
         seen = replace(given, clear_share=clear_share)
-        assert PathResidual.of(seen, truth).is_informative is (tells or rigid_tissue)
+        residual = PathResidual.of(seen, truth)
+        assert residual.is_informative is (tells or rigid_tissue)
+        assert (residual.lack is None) is (tells or rigid_tissue)
+        assert residual.lack is None or residual.lack[::2] == ("tissue_mm2", 380.0)
 
 
 @pytest.mark.parametrize("axis", [0, 1])
