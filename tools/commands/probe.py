@@ -351,7 +351,9 @@ _MEND: dict[PoseStatus | None, str] = {
 def _print(rows: list[Row]) -> None:
     language = cart_language()
     for name, text in rows:
-        click.echo(f"{device_text(name, language) + ':':<22}{device_text(text, language)}")
+        parts = text.split("; ") if name == "tools" else [text]
+        told = "; ".join(device_text(part, language) for part in parts)
+        click.echo(f"{device_text(name, language) + ':':<22}{told}")
 
 
 def _say(text: str, mark: str = "") -> None:

@@ -3,6 +3,7 @@
 from functools import cache
 
 from tools.german.free_texts import FreeTexts
+from tools.german.remarks import GERMAN_OF_REMARKS
 
 GERMAN_OF_MENDING = {
     "Check that the device is switched on and measures": "Prüfen, ob das Gerät eingeschaltet ist und misst",
@@ -119,6 +120,7 @@ GERMAN_OF_DEVICES = {
         "{number} Werte gingen verloren. Nach einer langsamen Leitung oder einem beschäftigten Rechner suchen"
     ),
     **GERMAN_OF_MENDING,
+    **GERMAN_OF_REMARKS,
 }
 _WORDS = {
     "poses": "Posen",
@@ -129,6 +131,8 @@ _WORDS = {
     "stale": "veraltet",
     "disabled": "abgeschaltet",
     "fault": "Fehler",
+    "ok": "in Ordnung",
+    "nothing": "nichts",
     "not understood": "nicht verstanden",
     "Measure longer, or look for what delays the line": "Länger messen, oder suchen, was die Leitung verzögert",
 }

@@ -21,6 +21,7 @@ from drivers.errors import ProbewatchError
 from tools.german.devices import GERMAN_OF_MENDING
 from tools.german.errors import GERMAN_OF_ERRORS
 from tools.german.questions import GERMAN_OF_QUESTIONS
+from tools.german.remarks import GERMAN_OF_REMARKS
 from tools.german.reports import GERMAN_OF_REPORTS
 from tools.german.setup import GERMAN_OF_SETUP
 from tools.german.texts import GERMAN_OF_TOOLS
@@ -115,7 +116,7 @@ def _error_text(text: str, language: str) -> str | None:
 
 @cache
 def _errors() -> Texts:
-    return Texts({**_ALL, **GERMAN_OF_ERRORS, **GERMAN_OF_MENDING})
+    return Texts({**_ALL, **GERMAN_OF_ERRORS, **GERMAN_OF_MENDING, **GERMAN_OF_REMARKS})
 
 
 def _of_page(text: str) -> str:

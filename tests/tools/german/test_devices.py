@@ -13,6 +13,7 @@ from drivers.samples import Frame, PoseStatus, Stamp
 from tests.support.answers import answered
 from tests.support.boards import running_board
 from tests.support.recordings import SIZE_PX, items
+from tests.support.rigs import lines
 from tests.tools.commands.test_devices import add_gpio, add_usb_serial, link, put
 from tests.tools.commands.test_probe import MS, placed, pose
 from tools.commands.probe import _MEND, Measured, complaints, findings
@@ -20,7 +21,7 @@ from tools.german.devices import _WORDS, GERMAN_OF_DEVICES, GERMAN_OF_MENDING, d
 from tools.shared import named_cart
 
 TOOLS = Path(__file__).parents[3]
-FOLDERS = ("tools/commands", "drivers/io", "drivers/recordings", "drivers")
+FOLDERS = ("tools", "drivers")
 
 
 @pytest.fixture(autouse=True)
@@ -33,8 +34,9 @@ def cart(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def sources() -> Iterator[str]:
     for folder in FOLDERS:
-        for file in (TOOLS / folder).glob("*.py"):
-            yield file.read_text(encoding="utf-8")
+        for file in (TOOLS / folder).rglob("*.py"):
+            if "german" not in file.parts:
+                yield file.read_text(encoding="utf-8")
 
 
 def test_each_text_has_the_same_fields_and_is_said() -> None:
@@ -102,6 +104,38 @@ def test_a_recording_is_probed_in_german(tmp_path: Path) -> None:
     assert lines.count("die Aufzeichnung ist zu Ende") == 2
     assert sum(line.startswith(("gut", "mangelhaft, siehe die Zeilen mit !")) for line in lines) == 2
     assert [line for line in lines if re.search(r"\b(the|is|of|per|can|be)\b", line)] == []
+
+
+@pytest.mark.parametrize("scheme", lines())
+def test_a_tracker_is_probed_in_german(scheme: str, tmp_path: Path) -> None:
+    with lines()[scheme].open(tmp_path, 1.0) as (url, _):
+        shown = answered("probe", url, "--only", "poses", "--seconds", "0.5")
+    assert shown.stderr == ""
+    assert [one for one in shown.stdout.splitlines() if re.search(r"\b(the|is|of|per|can|be|answers)\b", one)] == []
+
+
+@pytest.mark.parametrize(
+    ("remark", "german"),
+    [
+        (
+            "the second marker body (P9) was not seen for 7 s: whether either has moved is not watched",
+            "der zweite Markerkörper (P9) wurde seit 7 s nicht gesehen: ob sich einer bewegt hat, wird nicht überwacht",
+        ),
+        (
+            "MJPG comes 5 times a second by the word of the device. format=YUYV or format=NV12 may come more often, or "
+            "a smaller size=",
+            "MJPG kommt nach Angabe des Geräts 5-mal in der Sekunde. format=YUYV oder format=NV12 kommt vielleicht "
+            "öfter, oder ein kleineres size=",
+        ),
+        (
+            "P6-00000: ok, markers within 0.31 mm of the definition, marker C LOOSE by 0.31 mm",
+            "P6-00000: in Ordnung, Marker auf 0.31 mm bei der Definition, Marker C LOSE um 0.31 mm",
+        ),
+        ("no IMAGE 'x' came; the server sends nothing", "kein IMAGE 'x' kam; der Server sendet nichts"),
+    ],
+)
+def test_what_a_driver_says_of_its_device_is_told_in_german(remark: str, german: str) -> None:
+    assert device_text(remark, "de") == german
 
 
 def test_an_output_is_probed_in_german(tmp_path: Path) -> None:
