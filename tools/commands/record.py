@@ -8,6 +8,7 @@ import click
 
 from appliance.configuration.config import load_config
 from drivers.errors import ConfigurationError
+from tools.german.recorder import recorder_text
 from tools.recorder.run import RecorderService, ask
 from tools.shared.named_cart import cart_option
 from tools.shared.termination import termination
@@ -38,12 +39,12 @@ def command(action: str | None, config_file: Path, reason: str) -> None:
     """
     config = load_config(config_file)
     if action is not None:
-        _print(ask(config.recorder.socket, action, reason, _start(config_file)))
+        _print(ask(config.recorder.socket, action, reason, _start(config_file)), config.alarm.language)
         return
     stop = termination()
     try:
         with RecorderService(config) as service:
-            click.echo(f"recording into {config.recorder.folder}", err=True)
+            click.echo(recorder_text(f"recording into {config.recorder.folder}", config.alarm.language), err=True)
             service.run(stop.is_set)
     except OSError as error:
         raise ConfigurationError(f"cannot be used ({error.strerror})", str(config.recorder.folder)) from None
@@ -56,9 +57,9 @@ def _start(config_file: Path) -> str:
     return f"probewatch record --config {config_file}"
 
 
-def _print(fields: dict[str, object]) -> None:
+def _print(fields: dict[str, object], language: str) -> None:
     for name, said in told(fields):
-        click.echo(f"{name:<14}{said}")
+        click.echo(f"{recorder_text(name, language):<15}{recorder_text(said, language)}")
 
 
 def told(fields: Mapping[str, Any]) -> list[tuple[str, str]]:

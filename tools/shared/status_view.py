@@ -186,7 +186,7 @@ def _advice(status: Status) -> str:
     """
     if status["fault"] not in (None, Fault.UNDECIDED):
         return shown(status["remedy"])
-    reason = translated_text(status["reason"], _language(status))
+    reason = recognised(status["reason"], _language(status))
     return "" if reason in status["text"] or reason == status["remedy"] else shown(reason)
 
 

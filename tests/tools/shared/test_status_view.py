@@ -324,3 +324,9 @@ def test_a_cross_below_its_limit_is_explained() -> None:
     said = "! within its limit again; good once it has stayed so for some seconds: processor time !"
     assert said in " ".join(drawn(120, status(devices=busy)))
     assert "within its limit again" not in " ".join(drawn(120, status()))
+
+
+def test_why_a_calibration_has_ended_is_told_in_german() -> None:
+    """The reason in the box was English."""
+    shown = " ".join(drawn(120, status("de", fault=None, reason="it has expired since 2026-09-02 00:00 UTC")))
+    assert "sie ist abgelaufen seit 2026-09-02 00:00 UTC" in shown

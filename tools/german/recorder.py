@@ -1,0 +1,40 @@
+"""German of what `record` says of the recorder."""
+
+from functools import cache
+
+from tools.german.free_texts import FreeTexts
+
+GERMAN_OF_RECORDER = {
+    "recorder": "Aufzeichnung",
+    "this stretch": "dieser Abschnitt",
+    "ring": "Ring",
+    "kept": "behalten",
+    "disk": "Festplatte",
+    "lost": "verloren",
+    "withheld": "nicht behalten",
+    "session": "Sitzung",
+    "recording": "läuft",
+    "waits for the service": "wartet auf den Dienst",
+    "NOT recording: {why}": "läuft NICHT: {why}",
+    "marked: it is kept": "markiert: er bleibt erhalten",
+    "not marked": "nicht markiert",
+    "{said}, {gone} older files gone": "{said}, {gone} ältere sind überschrieben",
+    "{size} in {number} file": "{size} in {number} Datei",
+    "{size} in {number} files": "{size} in {number} Dateien",
+    "{size} free": "{size} frei",
+    "nothing": "nichts",
+    "{number} samples": "{number} Werte",
+    "{number} pictures": "{number} Bilder",
+    "recording into {folder}": "aufgezeichnet wird in {folder}",
+}
+
+
+def recorder_text(text: str, language: str) -> str:
+    """Returns what is said of the recorder, in the language; English where it cannot be told whole in it."""
+    said = None if language == "en" else _texts().translated(text)
+    return text if said is None else said
+
+
+@cache
+def _texts() -> FreeTexts:
+    return FreeTexts(GERMAN_OF_RECORDER, {})
