@@ -4,15 +4,32 @@ import json
 import sys
 from collections.abc import Mapping
 
+from drivers.clock.host_clock import HostClock
+
 
 class Events:
     """Prints a JSON object per line. It keeps to the standard output of when it was made: a command that later runs in
     this process with another one, as in tests, does not get its lines.
+
+    Everything raises BrokenPipeError if nobody reads any longer.
     """
 
-    def __init__(self) -> None:
-        self._stream = sys.stdout
+    def __init__(self, clock: HostClock) -> None:
+        self._clock, self._stream = clock, sys.stdout
+        self._active: frozenset[str] = frozenset()
 
     def tell(self, event: Mapping[str, object]) -> None:
-        """Print one, at once. Raises BrokenPipeError if nobody reads any longer."""
+        """Print one, at once."""
         print(json.dumps(event), file=self._stream, flush=True)
+
+    def note(self, what: str, value: object) -> None:
+        """Print what has become of something, with the time."""
+        self.tell({"t_ns": self._clock.now_ns(), what: value})
+
+    def faults(self, active: frozenset[str], refusal: str | None) -> None:
+        """Print the faults that act, where they are others than before, and why a change of them was refused."""
+        if active != self._active:
+            self._active = active
+            self.note("faults", sorted(active))
+        if refusal is not None:
+            self.note("refused", refusal)

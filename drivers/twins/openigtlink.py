@@ -138,7 +138,7 @@ class IgtlTwin(ListeningTwin[_Client]):
         self, address: tuple[str, int], clock: HostClock, sources: tuple[Opener, ...], faults: FaultControl
     ) -> None:
         self.faults = faults
-        self._clock, self._sources, self._events = clock, sources, Events()
+        self._clock, self._sources, self._events = clock, sources, Events(clock)
         self._utc_ns = time.time_ns() - clock.now_ns()
         self._samples: queue.Queue[Sample] = queue.Queue(_WAITING)
         self._active: frozenset[str] = frozenset()
@@ -147,7 +147,7 @@ class IgtlTwin(ListeningTwin[_Client]):
         self._tracker_is_lost = False
         self._sent_ns = 0
         self._random = np.random.default_rng(_SEED)
-        super().__init__(TcpServer(address, _Client, self._note))
+        super().__init__(TcpServer(address, _Client, self._events.note))
 
     def run(self, stop: Event) -> None:
         """Serve until stop is set."""
@@ -199,10 +199,7 @@ class IgtlTwin(ListeningTwin[_Client]):
             self._server.unplug()
         else:
             self._server.listen()
-        if changed:
-            self._note("faults", sorted(active))
-        if (refusal := self.faults.new_refusal()) is not None:
-            self._note("refused", refusal)
+        self._events.faults(active, self.faults.new_refusal())
 
     def _complain(self, status: Status) -> None:
         self._to_all(lambda client: self._message(client, "STATUS", "Tracker", status.content, self._clock.now_ns()))
@@ -274,6 +271,3 @@ class IgtlTwin(ListeningTwin[_Client]):
         if "garbage" in self._active:
             data += self._random.bytes(64)
         return bytes(data)
-
-    def _note(self, what: str, value: object) -> None:
-        self._events.tell({"t_ns": self._clock.now_ns(), what: value})

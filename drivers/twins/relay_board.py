@@ -27,7 +27,7 @@ class RelayBoard:
     ) -> None:
         self.contacts = dict.fromkeys(range(1, channels + 1), False)
         self.stuck = False
-        self._line, self._clock, self._answers, self._on_change = line, clock, answers, on_change or Events().tell
+        self._line, self._clock, self._answers, self._on_change = line, clock, answers, on_change or Events(clock).tell
         self._received = bytearray()
 
     def run(self, stop: Event) -> None:

@@ -98,7 +98,7 @@ class Scanner:
 
     def __init__(self, world: World | PlaceOfWork, plug: VideoPlug, clock: HostClock, faults: FaultControl) -> None:
         self._world, self._plug, self._clock, self._faults = world, plug, clock, faults
-        self._events = Events()
+        self._events = Events(clock)
         self._period_s = 1 / world.settings.fps
         self._cost_s = 0.0
         self._held: GreyImage | None = None
@@ -130,9 +130,7 @@ class Scanner:
         active = self._faults.active(t_s)
         frame = None if "lose-video" in active else self._rendered(number, t_s, t_ns, active)
         self._clock.sleep_until(t_ns)
-        self._note(t_ns, "faults", sorted(active), active != self._active)
-        refusal = self._faults.new_refusal()
-        self._note(t_ns, "refused", refusal, refusal is not None)
+        self._events.faults(active, self._faults.new_refusal())
         self._active = active
         if frame is None:
             self._plug.unplug()
@@ -142,7 +140,8 @@ class Scanner:
         if watched:
             self._first, self._last = number if self._first is None else self._first, number
             self._sent += 1
-        self._note(t_ns, "watched", watched, watched != self._watched)
+        if watched != self._watched:
+            self._events.note("watched", watched)
         self._watched = watched
 
     def _rendered(self, number: int, t_s: float, t_ns: int, active: frozenset[str]) -> bytes:
@@ -158,7 +157,3 @@ class Scanner:
         cost_s = min((time.monotonic() - began_s) * self._clock.rate, _LONGEST_COST_S)
         self._cost_s += 0.2 * (cost_s - self._cost_s)
         return frame
-
-    def _note(self, t_ns: int, what: str, value: object, changed: bool) -> None:
-        if changed:
-            self._events.tell({"t_ns": t_ns, what: value})

@@ -57,7 +57,7 @@ class NdiTwin:
     def __init__(self, line: TwinLine, clock: HostClock, device: CombinedApi, control: FaultControl) -> None:
         self.device, self.control = device, control
         self.spoil: Spoil = bytes
-        self._line, self._clock, self._events = line, clock, Events()
+        self._line, self._clock, self._events = line, clock, Events(clock)
         self._received: dict[int, bytearray] = {}
         self._since: dict[str, float] = {}
         self._boot_ns: int | None = None
@@ -117,14 +117,8 @@ class NdiTwin:
             self._end(name)
         for name in sorted(come):
             self._begin(name, now_s)
-        if gone or come:
-            self._note("faults", sorted(active))
-        if (refusal := self.control.new_refusal()) is not None:
-            self._note("refused", refusal)
-
-    def _note(self, what: str, value: object) -> None:
         with suppress(BrokenPipeError):  # of a parent that no longer reads
-            self._events.tell({"t_ns": self._clock.now_ns(), what: value})
+            self._events.faults(active, self.control.new_refusal())
 
     def _begin(self, name: str, now_s: float) -> None:
         match name:

@@ -129,14 +129,14 @@ class OptotrakTwin(ListeningTwin[_Client]):
 
     def __init__(self, address: tuple[str, int], clock: HostClock, device: Device, faults: FaultControl) -> None:
         self.device, self.faults = device, faults
-        self._clock, self._events = clock, Events()
+        self._clock, self._events = clock, Events(clock)
         self._random = random.Random(0)
         self._active: frozenset[str] = frozenset()
         self._sent = -1
         self._held: int | None = None
         self._ready: tuple[int, frozenset[str], DataFrame] | None = None
         self._shift_frames, self._shift_us, self._begin_number = 0, 0, 0
-        super().__init__(TcpServer(address, lambda line: _Client(line, Session(device)), self._note))
+        super().__init__(TcpServer(address, lambda line: _Client(line, Session(device)), self._events.note))
 
     def run(self, stop: Event) -> None:
         """Serve until stop is set."""
@@ -164,7 +164,7 @@ class OptotrakTwin(ListeningTwin[_Client]):
     def _take_faults(self) -> None:
         """What faults do at their beginning and their end."""
         active = self.faults.active((self._clock.now_ns() - self._clock.origin_ns) / 1e9)
-        begun, changed = active - self._active, active != self._active
+        begun = active - self._active
         self._active = active
         if "counter-jump" in begun:
             self._shift_frames += _JUMP_FRAMES
@@ -175,10 +175,7 @@ class OptotrakTwin(ListeningTwin[_Client]):
             self._server.unplug()
         else:
             self._server.listen()
-        if changed:
-            self._note("faults", sorted(active))
-        if (refusal := self.faults.new_refusal()) is not None:
-            self._note("refused", refusal)
+        self._events.faults(active, self.faults.new_refusal())
 
     def _serve(self, wake_ns: int) -> None:
         """Wait for connections and commands until wake_ns."""
@@ -259,14 +256,11 @@ class OptotrakTwin(ListeningTwin[_Client]):
         self._server.act_for_all(lambda client: times_ns.append(client.flush(now_ns, size, pause_ns)))
         return min(times_ns)
 
-    def _note(self, what: str, value: object) -> None:
-        self._events.tell({"t_ns": self._clock.now_ns(), what: value})
-
 
 def serve(address: tuple[str, int], clock: HostClock, device: Device, faults: FaultControl, stop: Event) -> None:
     """Says when it is ready, then serves until stop is set. Raises ConfigurationError for a port in use."""
     # A parent that no longer reads the events shall not be answered with a traceback.
     with suppress(BrokenPipeError), OptotrakTwin(address, clock, device, faults) as twin:
         host, port = twin.address
-        Events().tell({"ready": True, "url": f"optotrak://{host}:{port}?body=1"})
+        Events(clock).tell({"ready": True, "url": f"optotrak://{host}:{port}?body=1"})
         twin.run(stop)
