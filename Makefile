@@ -66,8 +66,8 @@ failures: $(VENV)/dev ## every row of docs/failures.md on a simulated cart in re
 	$(BIN)/python -m tests.rules.retried -m "live and not slow" tests/live/test_failures.py
 
 live: $(VENV)/dev ## the service, the demo and every device simulator in real time (a quarter of an hour)
-	$(BIN)/python -m tests.rules.retried -n 2 --dist loadfile -rs --no-fold-skipped -m "live and not slow and not alone"
-	$(BIN)/python -m tests.rules.retried -rs --no-fold-skipped -m "live and not slow and alone"
+	$(BIN)/python -m tests.rules.retried -n 2 --dist loadfile -rs --no-fold-skipped --durations=20 -m "live and not slow and not alone"
+	$(BIN)/python -m tests.rules.retried -rs --no-fold-skipped --durations=20 -m "live and not slow and alone"
 
 mutation: $(VENV)/dev ## changes the supervisor in one place after the other; the tests must notice 97 % (about five minutes)
 	$(BIN)/python -m tests.rules.mutation
