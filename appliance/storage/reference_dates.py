@@ -11,7 +11,7 @@ checks nothing about it and renews nothing; a new scan makes another file.
 
 from collections.abc import Iterable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, date, datetime, timedelta
 
 from appliance.storage.calibration_file import provenance_of
@@ -81,6 +81,22 @@ def dates_of(entry: Entry, history: Iterable[Entry], content: bytes, due_days: i
     force before. content: of the reference's file. due_days: of the configuration. The earlier of both dates is when it
     is due.
     """
+    stated = stated_dates(content)
+    try:
+        since = _utc(entry.utc)
+        first_use = counted = None
+        if due_days is not None:
+            first_use = _first_use(entry, history, since)
+            counted = first_use + timedelta(days=due_days)
+    except (ValueError, OverflowError):
+        return Dates(damage=f"it came in force at {entry.utc[:40]!r}, which no calendar has")
+    due = min((one for one in (stated.due, counted) if one is not None), default=None)
+    is_counted = counted is not None and due == counted
+    return replace(stated, due=due, since=since, first_use=first_use if is_counted else None)
+
+
+def stated_dates(content: bytes) -> Dates:
+    """Returns when a file of this content is due and expires by itself, wherever it is in force."""
     stated = provenance_of(content)
     ends: dict[str, datetime | None] = {}
     damages = []
@@ -90,17 +106,7 @@ def dates_of(entry: Entry, history: Iterable[Entry], content: bytes, due_days: i
         except (ValueError, OverflowError):
             ends[name] = None
             damages.append(f"its '{name}' is {stated[name][:40]!r}, no day such as 2027-05-01")
-    try:
-        since = _utc(entry.utc)
-        first_use = counted = None
-        if due_days is not None:
-            first_use = _first_use(entry, history, since)
-            counted = first_use + timedelta(days=due_days)
-    except (ValueError, OverflowError):
-        return Dates(damage=f"it came in force at {entry.utc[:40]!r}, which no calendar has")
-    due = min((one for one in (ends["due"], counted) if one is not None), default=None)
-    is_counted = counted is not None and due == counted
-    return Dates(due, ends["expires"], "; ".join(damages), since, first_use if is_counted else None)
+    return Dates(ends["due"], ends["expires"], "; ".join(damages))
 
 
 def _first_use(entry: Entry, history: Iterable[Entry], since: datetime) -> datetime:

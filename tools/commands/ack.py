@@ -1,6 +1,8 @@
 """`probewatch ack`: acknowledges the alarm."""
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -42,7 +44,12 @@ def command(control_socket: Path, bump: bool) -> None:
         if status["latched"] is not None and not status["acknowledged"]:
             click.echo(say("another", language))
         elif status["latched"] is not None:
-            click.echo(say("ends", language))
+            click.echo(say("ends dated" if _has_expired(status) else "ends", language))
+
+
+def _has_expired(status: Mapping[str, Any]) -> bool:
+    """Whether no motion will verify the calibration, as its date has passed."""
+    return bool(status.get("reference_overdue")) and status.get("reference_waits") == status["reference_overdue"]
 
 
 def _acknowledged(client: ControlClient) -> str:

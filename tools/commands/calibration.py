@@ -300,6 +300,9 @@ def import_file(file: Path, output: Path, image_size: tuple[int, int] | None, pr
     is_itk = file.suffix == ".tfm" or content.startswith(ITK_BEGINS)
     if not is_itk:
         refuse_other_kind(content, file)
+        if not is_device_set(content):
+            remedy = f"Give it to the service: probewatch calibration use {file}"
+            raise ConfigurationError("is a calibration of probewatch already", str(file), remedy)
     clip = clip_px(content)
     if image_size is None and clip is None:
         raise click.UsageError("Missing option '--image-size': the file does not say how large the pictures are")

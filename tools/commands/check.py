@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Iterator
+from datetime import UTC, datetime
 from pathlib import Path
 
 import click
@@ -11,9 +12,10 @@ from appliance.configuration.mistakes import Mistakes
 from appliance.storage.calibration_file import calibration_bytes
 from appliance.storage.device_set import remarks
 from appliance.storage.reference import candidate_from_content, size_for
+from appliance.storage.reference_dates import stated_dates
 from drivers.errors import ConfigurationError
 from drivers.registry import check_options
-from tools.german.translation import told
+from tools.german.translation import recognised, told
 from tools.shared.limits_in_force import remarks as remarks_on_limits
 from tools.shared.limits_in_force import rows as limit_rows
 from tools.shared.named_cart import file_argument
@@ -50,13 +52,25 @@ def command(file: Path) -> None:
         sys.exit(ConfigurationError.exit_code)
     config = config_of(text, file)
     named, language = config.calibration.file, config.alarm.language
-    for remark in (*calibration_remarks(text, file), *remarks_on_limits(config.limits, language)):
+    dated = _on_dates(config)
+    for remark in (*calibration_remarks(text, file), *dated, *remarks_on_limits(config.limits, language)):
         click.secho(remark, err=True, fg="yellow")
     usable = "{file} can be used; it names no calibration" if named is None else "{file} and {named} can be used"
     click.echo(told(usable, language, file=file, named=named))
     click.echo("\n".join(limit_rows(config.limits, text, language)))
     if not is_configured(file):
         click.echo(told("but the service waits until it says configured = true", language))
+
+
+def _on_dates(config: Config) -> Iterator[str]:
+    """Yields which date of the calibration has passed, and what that does."""
+    place, language = config.calibration, config.alarm.language
+    if place.file is None:
+        return
+    dates, now = stated_dates(calibration_bytes(place.file)), datetime.now(UTC)
+    if why := dates.overdue(now):
+        opens = place.overdue == "expires" and dates.expired(now)
+        yield f"{place.file}: {recognised(f'{why}; the contact stays open' if opens else why, language)}"
 
 
 def _is_adapted(file: Path) -> bool:

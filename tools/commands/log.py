@@ -27,7 +27,7 @@ from tools.shared.spoken import say, say_change
 
 _COLOURS = {"warning": "yellow", "halt": "red", "recalibration requested": "red", "device lost": "red"}
 _COLOURS |= {"internal fault": "red", "monitoring": "green", "not verified": "cyan", "recalibrating": "cyan"}
-_COLUMNS = ("number", "utc", "event", "state", "fault", "reason", "do", "who", "latched", "digest")
+_COLUMNS = ("number", "utc", "event", "state", "fault", "reason", "do", "who", "latched", "text", "digest")
 _FORMULA = ("=", "+", "-", "@")
 _SAID = ("state", "reason", "text")
 """What the service says in an entry, in English."""
@@ -312,13 +312,23 @@ def _only_english(said: object) -> str:
     raise KeyError(said)
 
 
+def _given_up(data: Mapping[str, Any], language: str) -> str:
+    why = str(data.get("why"))
+    if (said := recognised(why, language)) == why:
+        raise KeyError(why)
+    return said
+
+
 _SET_UP: Mapping[str, Callable[[Mapping[str, Any], str], str]] = {
     Event.STARTED: _started,
     Event.REFERENCE: lambda data, language: _reference(data.get("reference"), language),
     Event.CHAIN_BEGUN: _begun,
     Event.RELOADED: _reloaded,
+    Event.GIVEN_UP: _given_up,
 }
-"""Entries of what was in force, in the language. Each raises KeyError where it cannot be told whole in it."""
+"""Entries of what was in force, and of a scan that was given up, in the language. Each raises KeyError where it cannot
+be told whole in it.
+"""
 _TEXTS: Mapping[str, Callable[[Mapping[str, Any]], str]] = {
     Event.STATE: _state,
     Event.REQUEST: _request,
@@ -352,7 +362,9 @@ def _export(path: Path, entries: Iterable[Entry]) -> None:
         data = {name: entry.data.get(name, "") for name in _COLUMNS}
         latched = "" if entry.latch is None else entry.latch.state
         own = {"number": entry.number, "utc": entry.utc, "event": entry.event, "digest": entry.digest}
-        writer.writerow({name: _cell(value) for name, value in {**data, **own, "latched": latched}.items()})
+        text_log = _TEXTS.get(entry.event, _all_of_it)(_in("en", entry))
+        row = {**data, **own, "latched": latched, "text": text_log}
+        writer.writerow({name: _cell(value) for name, value in row.items()})
     with writing(path) as stream:
         stream.write(text.getvalue().encode())
 

@@ -163,6 +163,8 @@ GERMAN_OF_TOOLS = {
     "no date is set": "kein Termin gesetzt",
     "scales": "Maßstäbe",
     "offset": "Versatz",
+    "the contact stays open": "der Kontakt bleibt offen",
+    "no check at another point was made: {text}": "an keinem anderen Punkt wurde geprüft: {text}",
     "{said} is {text}: that is a placeholder, not a person": "{said}: {text} ist ein Platzhalter, keine Person",
     "who made it": "wer sie gemacht hat",
     "who signed it": "wer sie unterschrieben hat",

@@ -150,13 +150,13 @@ def confirmed(question: str, language: str, default: bool = False) -> bool:
     """Asks a person; German takes j and n, and y as well. default: what Enter says. Raises click.Abort at Ctrl-C and at
     the end of the input.
     """
-    if language == "en":
-        return click.confirm(question, default=default)
+    yes, complaint = ("y", "Answer y or n") if language == "en" else ("j", "Bitte j oder n eingeben")
+    choice = f"{yes.upper()}/n" if default else f"{yes}/N"
     while True:
-        answer = str(click.prompt(f"{question} [{'J/n' if default else 'j/N'}]", default="", show_default=False))
+        answer = str(click.prompt(f"{question} [{choice}]", default="", show_default=False))
         said = answer.strip().lower()
         if not said:
             return default
         if said in (*_YES, *_NO):
             return said in _YES
-        click.echo("Bitte j oder n eingeben")
+        click.echo(complaint)

@@ -28,6 +28,7 @@ from tools.recalibration.phase import HELD, LISTENING, OPEN, Attendance, Phase
 from tools.recalibration.scanning import Scanned, counts_of, marked, state_fields
 from tools.recalibration.steps import LatencyStep, Sound, estimate_of
 from tools.shared.feed import Feed
+from tools.shared.sign_off import NOT_MADE
 from tools.shared.status_watch import Seen, StatusWatch
 from tools.shared.threaded import Threaded
 from tools.shared.verification import waits_for
@@ -240,7 +241,7 @@ class ScanSession(Threaded):
             seen = self._watch.seen()
             simulated = bool(seen.status and seen.status.get("simulated"))
             calibration = marked(self._scanned.calibration(), simulated)
-            check = f"not made: {signature.unchecked}" if signature.unchecked else self._scanned.check_record()
+            check = f"{NOT_MADE}{signature.unchecked}" if signature.unchecked else self._scanned.check_record()
             self._service.hold(seen, wanted=True)
             file = write_signed(self._folder, calibration, self._begin, signature, self._scanned, check)
             self._file = file

@@ -4,7 +4,6 @@ Three threads hear, one writes; whatever the disk does, the service is not made 
 queue stays with the feed, which leaves samples out and says how many.
 """
 
-import errno
 import json
 import os
 import queue
@@ -211,6 +210,9 @@ def _needing(key: str, path: Path) -> Iterator[None]:
     """Raises ConfigurationError that names the key whose path cannot be used."""
     try:
         yield
+    except BlockingIOError:
+        what, remedy = "another recorder writes there", "Stop that one first, or give this cart a folder of its own"
+        raise ConfigurationError(what, f"[recorder] {key} = {str(path)!r}", remedy) from None
     except OSError as error:
         remedy = f"Give [recorder] {key} a place that exists and that this user may write to"
         said = error.strerror or str(error)
@@ -240,11 +242,10 @@ def _begun(config: Config, say: Callable[[str], None]) -> tuple[int, socket.sock
 
 
 def _locked(folder: Path) -> int:
-    """Descriptor of a lock that another recorder of this folder would hold. Raises OSError."""
-    try:
-        return held_lock(folder / ".lock")
-    except BlockingIOError:
-        raise OSError(errno.EBUSY, "another recorder writes there") from None
+    """Descriptor of a lock that another recorder of this folder would hold. Raises OSError; BlockingIOError where one
+    does.
+    """
+    return held_lock(folder / ".lock")
 
 
 def _recorder(config: Config, say: Callable[[str], None]) -> Recorder:

@@ -182,6 +182,9 @@ def _said(named: Path | None, section: str, key: str) -> Path | None:
     except (OSError, ValueError, AttributeError) as error:
         if named is None:
             return None
+        if isinstance(error, PermissionError):
+            remedy = "Ask an administrator for the right to read it, or run this as one who has it"
+            raise ConfigurationError("cannot be read: permission denied", str(file), remedy) from None
         if isinstance(error, OSError):
             remedy = f"Name the cart's configuration, by --config or {ENVIRONMENT}, or leave both out for {CONFIG}"
             raise ConfigurationError(f"cannot be read: {error.strerror}", str(file), remedy) from None

@@ -14,6 +14,8 @@ from appliance.crosswire.running import Running
 from appliance.types import PARAMETERS
 from drivers.errors import ConfigurationError
 
+NOT_MADE = "not made: "
+"""How the record of the check at another point begins where there was none; then comes the reason."""
 _STROKES = " .-_?<>[]()"
 _PLACEHOLDERS = ("", "name", "your name", "role", "todo", "tbd", "fixme", "x", "xxx", "n/a", "none", "unknown", "test")
 """What stands in a form until somebody fills it in, in small letters and without the strokes around it."""
@@ -44,8 +46,8 @@ class SignOff:
     expires: date | None = None
 
     def check(self) -> None:
-        """Raises ConfigurationError where the maker is the signer, the signer has no role, or it expires before it is
-        due.
+        """Raises ConfigurationError where the maker is the signer, the signer has no role, a date has passed, or it
+        expires before it is due.
         """
         if self.signed_by and _name(self.signed_by) == _name(self.made_by):
             what = f"{self.signed_by} made it and cannot sign it as well"
@@ -55,6 +57,9 @@ class SignOff:
         if self.due is not None and self.expires is not None and self.expires < self.due:
             what = f"it would expire on {self.expires}, before it is due on {self.due}"
             raise ConfigurationError(what, "sign-off", "Give --expires a later day")
+        for day, option in ((self.due, "--due"), (self.expires, "--expires")):
+            if day is not None and day < datetime.now(UTC).date():
+                raise ConfigurationError(f"{day} has passed", "sign-off", f"Give {option} a later day")
 
     def fields(self) -> dict[str, str]:
         """The keys for the calibration's provenance, without empty ones."""
@@ -73,11 +78,17 @@ class SignOff:
         return {name: text for name, text in said.items() if text}
 
 
+def _unchecked(stated: Mapping[str, str]) -> Iterator[str]:
+    if (check := stated.get("check", "")).startswith(NOT_MADE):
+        yield f"no check at another point was made: {check.removeprefix(NOT_MADE)}"
+
+
 def remarks_on(stated: Mapping[str, str], now: datetime) -> Iterator[str]:
     """Yields what a reader of this provenance must not rely on: a missing person, a placeholder, an impossible date."""
     for key, what in (("made_by", "who made it"), ("signed_by", "who signed it"), ("signed_role", "the signer's role")):
         if _name(stated.get(key, "")).strip(_STROKES) in _PLACEHOLDERS and key in stated:
             yield f"{what} is {stated[key]!r}: that is a placeholder, not a person"
+    yield from _unchecked(stated)
     if not stated.get("signed_by"):
         yield "it is not signed"
     elif _name(stated["signed_by"]) == _name(stated.get("made_by", "")):

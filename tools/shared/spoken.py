@@ -10,6 +10,7 @@ SPOKEN = {
     "bump": "recorded: the tracker's position sensor was checked; an alert of a bump, if there was one, ends",
     "another": "this is another alarm; it has not been acknowledged yet",
     "ends": "it ends once the calibration is verified again: move the probe over tissue, or recalibrate",
+    "ends dated": "it ends once a calibration that has not expired is verified: recalibrate",
     "now": "now",
     "nothing": "there is nothing to acknowledge",
     "not now": NOT_NOW,

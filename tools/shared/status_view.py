@@ -184,7 +184,7 @@ def _advice(status: Status) -> str:
     """What to do; in the calm states, and where it is not clear what is wrong, rather why they are what they are, if
     that is more than the text says.
     """
-    if status["fault"] not in (None, Fault.UNDECIDED):
+    if status["fault"] not in (None, Fault.UNDECIDED) or status["state"] == State.RECALIBRATING.value:
         return shown(status["remedy"])
     reason = recognised(status["reason"], _language(status))
     return "" if reason in status["text"] or reason == status["remedy"] else shown(reason)

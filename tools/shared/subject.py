@@ -13,12 +13,14 @@ from tools.shared.digest import file_sha256
 
 _SHOWN = 12
 """Digits of a SHA-256 that a person compares."""
+_OF_BOX = "as recorded in the black box"
 
 
 @dataclass(frozen=True)
 class Subject:
     """`recording` lists its files, including poses recorded apart. `calibration` and `configuration` are the files used
-    to judge it; None for those of the black box, and for the shipped limits. `injected` lists faults put in on purpose.
+    to judge it; None for those of the black box, and, beside a calibration, for the shipped limits. `injected` lists
+    faults put in on purpose.
     """
 
     recording: tuple[tuple[Path, str], ...]
@@ -49,8 +51,9 @@ class Subject:
 
     def rows(self) -> list[tuple[str, str]]:
         """The subject as rows of a table."""
-        judged = "as recorded in the black box" if self.calibration is None else _named(self.calibration)
-        limits = "as probewatch ships them" if self.configuration is None else _named(self.configuration)
+        judged = _OF_BOX if self.calibration is None else _named(self.calibration)
+        unnamed = _OF_BOX if self.calibration is None else "as probewatch ships them"
+        limits = unnamed if self.configuration is None else _named(self.configuration)
         return [
             *(("recording", _named(file)) for file in self.recording),
             ("calibration", judged),

@@ -123,7 +123,7 @@ class Hold:
         return f"who has been silent for {begun.hold_s:g} s" if silent else ""
 
     def _give_up(self, begun: _Begun, how: str) -> None:
-        begun.ended = f"given up for {begun.who}, {how}; the calibration before is in force, and not verified"
+        begun.ended = f"given up for {begun.who}, {how}; the calibration is as before, and not verified"
         self._log.warning("recalibration given up", why=begun.ended)
         self._note(Event.GIVEN_UP, who=begun.who, why=begun.ended)
         self._abort()

@@ -12,7 +12,7 @@ KINDS = {
     "picture stretched along one axis by 10 %": ("scale-lateral=-10", "scale-axial=-10"),
     "marker body bent by 6°": ("bend-lateral=-6", "bend-axial=-6", "bend-elevational=-6"),
     "marker body slid by 8 mm": ("slide-lateral=-8", "slide-axial=-8", "slide-elevational=-8"),
-    "tracker late by 120 to 450 ms": ("latency=-120", "latency=450"),
+    "tracker late by 450 ms, early by 120 ms": ("latency=-120", "latency=450"),
     "another probe": ("exchanged-probe",),
     "poses in another convention": ("poses-inverted", "axes-swapped"),
     "metal that displaces poses by 6 mm": ("metal=6",),

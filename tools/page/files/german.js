@@ -321,7 +321,7 @@ const GERMAN_WITH_NUMBERS = [
   [/^.* has not answered yet$/, "die Festplatte hat noch nicht geantwortet"],
   [/^it is not on the disk yet( \(.*\))?$/, "sie ist noch nicht auf der Festplatte"],
   [/^the alarm log cannot be read \(.*\)$/, "das Alarmprotokoll kann nicht gelesen werden"],
-  [/^given up for (.+), (?:whose connection is gone|who has been silent for ([\d.]+) s); the calibration before is in force, and not verified$/, "für $1 abgebrochen, Verbindung verloren; die Kalibrierung davor ist in Kraft und nicht bestätigt"],
+  [/^given up for (.+), (?:whose connection is gone|who has been silent for ([\d.]+) s); the calibration is as before, and not verified$/, "für $1 abgebrochen, Verbindung verloren; die Kalibrierung ist wie zuvor und nicht bestätigt"],
   [/^the pictures are lost: .*\. The scan is kept, and goes on when they come back$/, "die Bilder fehlen. Der Scan bleibt erhalten und geht weiter, sobald sie wieder da sind"],
   [/^the service does not wait for this scan\. The scan is kept; signing it asks again$/, "der Dienst wartet nicht auf diesen Scan. Der Scan bleibt erhalten; wer ihn unterschreibt, fragt den Dienst erneut"],
   [/^the service has gone on without this scan\. The scan is kept; signing it asks again$/, "der Dienst ist ohne diesen Scan weitergegangen. Der Scan bleibt erhalten; wer ihn unterschreibt, fragt den Dienst erneut"],
