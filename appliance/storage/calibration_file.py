@@ -110,14 +110,17 @@ class _File(BaseModel):
         return self
 
 
-def read_calibration(path: Path, image_size_px: tuple[int, int] | None = None, probe: str = "Probe") -> Calibration:
+def read_calibration(
+    path: Path | str, image_size_px: tuple[int, int] | None = None, probe: str = "Probe"
+) -> Calibration:
     """Read our TOML, or the Image → `probe` transform of a PLUS device-set XML.
 
     image_size_px: (width, height) of the pictures to watch; XML needs it, TOML must agree with it. probe: the marker
     body, or the whole transform where the picture is not called Image, such as LeftImageToProbe. Raises
     ConfigurationError naming file, key, fault and remedy; nothing that is not scale · rotation passes.
     """
-    return parse_calibration(calibration_bytes(path), path, image_size_px, probe)
+    file = Path(path)
+    return parse_calibration(calibration_bytes(file), file, image_size_px, probe)
 
 
 def parse_calibration(

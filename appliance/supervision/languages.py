@@ -148,7 +148,7 @@ GERMAN = {text: german for row in FAULT_ROWS.values() for text, german in row.tr
     ),
     "this is another alarm; it has not been acknowledged yet": "das ist ein anderer Alarm; er ist noch nicht quittiert",
     "it ends once a calibration that has not expired is verified: recalibrate": (
-        "es endet, sobald eine nicht abgelaufene Kalibrierung bestätigt ist: neu kalibrieren"
+        "er endet, sobald eine nicht abgelaufene Kalibrierung bestätigt ist: neu kalibrieren"
     ),
     "it ends once the calibration is verified again: move the probe over tissue, or recalibrate": (
         "er endet, sobald die Kalibrierung wieder bestätigt ist: Sonde über Gewebe bewegen, oder neu kalibrieren"

@@ -41,7 +41,7 @@ class IgtlVideo(Closable):
         remarks = (
             (self._time.untimed, "pictures had no time: they are stamped at their arrival"),
             (self.refused, "damaged pictures were refused"),
-            (self.repeated, "pictures came again and were dropped"),
+            (self.repeated, "pictures had the time of the one before and were dropped: each needs its own"),
         )
         said = tuple(f"{count} {words}" for count, words in remarks if count)
         if self._shown and (self._count or not self._damage):

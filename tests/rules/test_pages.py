@@ -59,3 +59,15 @@ def test_a_link_that_leads_nowhere_is_seen(tmp_path: Path) -> None:
     page.write_text("# One & two\n[a](#one--two) [b](#three) [c](gone.md)\n```\n[d](code.md)\n```\n## Same\n## Same\n")
     assert links(page) == [("", "one--two"), ("", "three"), ("gone.md", "")]
     assert anchors(page) == {"one--two", "same", "same-1"}
+
+
+def test_the_steps_to_repeat_after_an_update_are_those_that_need_the_running_cart() -> None:
+    """The page named the numbers of an older sheet."""
+    named = re.search(r"Steps (\d+) to (\d+) of \[periodic-check", (ROOT / "docs" / "security.md").read_text())
+    assert named is not None
+    sheet = (ROOT / "docs" / "periodic-check.md").read_text()
+    first, last = (re.search(rf"^\| {number} \| (.*?) \|", sheet, re.M) for number in named.groups())
+    assert first is not None
+    assert "lamp-test" in first[1]
+    assert last is not None
+    assert "supply off" in last[1]

@@ -211,7 +211,8 @@ def _tell(opened: TrackerSource | VideoSource, url: str, seconds: float, clock: 
         told = source.describe() if isinstance(source, Identified) else None
     _print([*_rows(told), *findings(measured)])
     absent = "" if told is None or measured.usable else told.absent
-    found = [absent] if absent else list(complaints(measured, "" if told is None else told.time_remedy))
+    remedy = "" if told is None else told.time_remedy
+    found = [absent] if absent else [*complaints(measured, remedy), *_too_few(measured, seconds)]
     for complaint in found:
         _say(complaint, "! ")
     if measured.end is not None:
@@ -314,6 +315,16 @@ def complaints(measured: Measured, time_remedy: str = "") -> Iterator[str]:
         yield f"{known}. {time_remedy or 'Measure longer, or look for what delays the line'}"
     if quality is not None:
         yield from _complaints_of_rate(quality, "poses" if measured.poses else "pictures")
+
+
+def _too_few(measured: Measured, seconds: float) -> Iterator[str]:
+    """Where so few came that they have no rate; a recording may be as short."""
+    half = "poses" if measured.poses else "pictures"
+    least_hz = LEAST_HZ[_HALVES[half]]
+    few = measured.usable < least_hz * seconds and time_quality(measured.samples, measured.arrivals_ns) is None
+    if few and measured.end is None:
+        what = f"{measured.usable / seconds:.3g} {half} come per second, {least_hz:g} are needed"
+        yield f"{what}. Have the device or the sender give each one that it measures"
 
 
 def _complaints_of_rate(quality: TimeQuality, half: str) -> Iterator[str]:

@@ -213,9 +213,9 @@ and errors of the tracker that are alike everywhere ([trackers.md](trackers.md))
 | any other | `fine`: none |"""
 _FOUND = """Motion names only what is beyond its limit by three standard deviations, at least {turn:g}° and
 {shift:g} mm: from {least} on.
-What lies between that and the limit keeps the contact open, once motion shows it. A slip in view is seen by its leap, from the limit on
-([evidence.md](evidence.md#slips-of-the-marker-body-in-view)). Gesture on rigid tissue, tracker of 0.1 mm, by the end of
-the session."""
+What lies between that and the limit keeps the contact open, once motion shows it. A slip in view is seen by its leap,
+from the limit on ([evidence.md](evidence.md#slips-of-the-marker-body-in-view)). Gesture on rigid tissue, tracker of
+0.1 mm, by the end of the session."""
 _WHY = """An OK needs three standard deviations of room, and each includes what the model of the motion leaves out
 ([method.md](method.md), section 10). In tissue that was shown to be rigid little is left out, and motion for ten
 seconds brings sigma down to the third of 1° that `fine` asks for. In any other tissue 0.5 mm are added to each sigma

@@ -58,7 +58,9 @@ GERMAN_OF_REMARKS = {
         "{number} Bilder hatten keine Zeit: sie sind mit ihrer Ankunft gestempelt"
     ),
     "{number} damaged pictures were refused": "{number} beschädigte Bilder wurden abgewiesen",
-    "{number} pictures came again and were dropped": "{number} Bilder kamen noch einmal und wurden verworfen",
+    "{number} pictures had the time of the one before and were dropped: each needs its own": (
+        "{number} Bilder hatten die Zeit des Bildes davor und wurden verworfen: jedes braucht seine eigene"
+    ),
     "a file: it plays at its own rate": "eine Datei: sie läuft mit ihrer eigenen Rate",
     "stamped at arrival, to ± {error} ms by error_ms=": "bei der Ankunft gestempelt, auf ± {error} ms laut error_ms=",
     "sends {size} pixels as {code}": "sendet {size} Pixel als {code}",

@@ -9,6 +9,7 @@ service knows nothing of it.
 import contextlib
 import json
 import math
+import re
 import socket
 import ssl
 import stat
@@ -69,6 +70,8 @@ _OLDER = ", by MQTT 3.1.1, which neither refuses nor forgets a message; use a br
 _TOO_LARGE, _RAISE = "Packet too large", "; raise its limit of a message"
 _REMEDIES = {"Quota exceeded": _RAISE, _TOO_LARGE: _RAISE, "Not authorized": "; let this user write that topic"}
 _OTHERS = stat.S_IROTH | stat.S_IWOTH
+_SECRET = re.compile(r"//[^/]*@")
+"""User and password in a URL, which stay out of the journal."""
 _LOCAL = ("localhost", "127.0.0.1", "::1")
 
 _AS_IT_IS = tuple(field for field in STATUS if field.mqtt)
@@ -101,7 +104,7 @@ def broker_of(
     bare = parts.scheme in _PORTS and parts.username is None and not parts.path.strip("/")
     if port is None or not parts.hostname or not bare:
         remedy = "Such as mqtts://broker.example or mqtt://127.0.0.1:1883; who logs in is --user and --password-file"
-        raise ConfigurationError("is not the address of a broker", printable(url), remedy)
+        raise ConfigurationError("is not the address of a broker", printable(_SECRET.sub("//***@", url)), remedy)
     secure = parts.scheme == "mqtts"
     if not secure and password_file is not None and parts.hostname not in _LOCAL:
         remedy = "Use mqtts://, or a broker on this computer"

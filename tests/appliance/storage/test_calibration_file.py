@@ -52,6 +52,7 @@ def test_toml_may_give_image_to_probe_instead(tmp_path):
     head = 'format = "probewatch-calibration"\nversion = 1\nimage_size_px = [640, 480]\n'
     path.write_text(f"{head}image_to_probe = {rows}\n")
     assert same(read_calibration(path), calibration())
+    assert same(read_calibration(str(path)), calibration())
 
 
 def test_a_place_that_cannot_be_written_is_named(tmp_path):

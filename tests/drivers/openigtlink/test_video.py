@@ -90,7 +90,9 @@ def test_a_picture_that_comes_again_is_dropped(cart: Server) -> None:
     with opened(cart) as video:
         cart.send(picture("Image", PIXELS, 0), picture("Image", PIXELS, 0), picture("Image", PIXELS, PERIOD_NS))
         assert [next_frame(video).sequence for _ in range(2)] == [0, 1]
-        assert video.describe().remarks == ("1 pictures came again and were dropped",)
+        assert video.describe().remarks == (
+            "1 pictures had the time of the one before and were dropped: each needs its own",
+        )
 
 
 def test_without_a_time_a_picture_has_that_of_its_arrival(cart: Server) -> None:

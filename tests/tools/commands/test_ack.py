@@ -58,6 +58,15 @@ def test_that_a_sensor_was_checked_claims_no_bump_that_nobody_has_seen(tmp_path:
     assert answer.stdout.startswith("recorded: the tracker's position sensor was checked; an alert of a bump, if")
 
 
+def test_of_an_expired_calibration_it_does_not_ask_for_motion(tmp_path: Path) -> None:
+    """Motion cannot verify it."""
+    why = "it has expired since 2026-01-02 00:00 UTC"
+    for dated in (dict.fromkeys(("reference_overdue", "reference_waits"), why), {"reference_overdue": why}):
+        with _Granting(tmp_path / "control", latched="halt", acknowledged=True, **dated) as service:
+            last = answered("ack", "--socket", service.path).stdout.splitlines()[-1]
+        assert ("move the probe" in last) is ("reference_waits" not in dated)
+
+
 def german(path: Path, **changes: Any) -> _Granting:
     return _Granting(path, language="de", **changes)
 

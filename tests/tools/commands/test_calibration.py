@@ -21,7 +21,7 @@ from appliance.storage.reference_store import FOLDER, HISTORY, Entry, History, s
 from tests.appliance.configuration.test_config import GOOD
 from tests.support.answering import Answers, recorded
 from tests.support.answers import answered
-from tests.support.stores import PLUS, configuration, kept, log, place, settled, started, written
+from tests.support.stores import PLUS, calibration, configuration, kept, log, place, settled, started, written
 from tools.commands.calibration import command as calibration_command
 from tools.commands.calibration import list_references
 from tools.shared.status_view import _origin
@@ -316,3 +316,11 @@ def test_our_file_is_not_written_under_the_name_of_another_program(tmp_path: Pat
         answer = answered(*words)
         assert (answer.returncode, "is TOML, not ." in answer.stderr) == (78, True), (words, answer)
         assert not to.exists()
+
+
+def test_a_calibration_of_ours_is_not_imported(tmp_path: Path) -> None:
+    """It asked for the size of the pictures, and dropped signature, due date and covariance."""
+    write_calibration(file := tmp_path / "a.toml", calibration(), {"due": "2999-01-01"})
+    answer = answered("calibration", "import", file, "--output", tmp_path / "b.toml")
+    said = f"{file}: is a calibration of probewatch already. Give it to the service: probewatch calibration use {file}"
+    assert (answer.returncode, answer.stderr) == (78, f"probewatch: {said}\n")

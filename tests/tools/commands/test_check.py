@@ -189,3 +189,13 @@ def test_of_a_configuration_that_is_not_there_it_says_how_to_write_one(tmp_path:
 def test_a_folder_is_told_to_name_the_file_in_it(tmp_path: Path) -> None:
     """Its permissions were to be checked."""
     assert "it is a folder, not a file). Name the file in it" in str(check(tmp_path).exception)
+
+
+@pytest.mark.parametrize(("overdue", "said"), [("advise", ""), ("expires", "; the contact stays open")])
+def test_it_tells_which_date_of_the_calibration_has_passed(folder: Path, overdue: str, said: str) -> None:
+    """A date that had passed was found by the running service alone."""
+    (folder / "probe.toml").unlink()
+    write_calibration(folder / "probe.toml", calibration(), {"due": "2020-01-01"})
+    result = check(written(folder, GOOD.replace("[calibration]", f'[calibration]\noverdue = "{overdue}"')))
+    assert result.exit_code == 0
+    assert result.stderr == f"{folder}/probe.toml: it is due since 2020-01-02 00:00 UTC{said}\n"

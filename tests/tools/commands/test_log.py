@@ -182,10 +182,12 @@ def test_csv_holds_what_was_chosen(folder: Path, tmp_path: Path) -> None:
 
 def test_csv_has_an_empty_cell_where_there_is_no_fault(folder: Path, tmp_path: Path) -> None:
     AlarmLog(folder).append(NOON, 0, Event.STATE, {"state": "monitoring", "fault": None}, None)
-    asked(folder, "--last", "1", "--csv", str(tmp_path / "out.csv"))
+    AlarmLog(folder).append(NOON, 0, Event.GIVEN_UP, {"who": "root", "why": "given up for root"}, None)
+    asked(folder, "--last", "2", "--csv", str(tmp_path / "out.csv"))
     with (tmp_path / "out.csv").open(newline="", encoding="utf-8") as stream:
-        (row,) = csv.DictReader(stream)
+        row, other = csv.DictReader(stream)
     assert (row["state"], row["fault"]) == ("monitoring", "")
+    assert other["text"] == "given up for root", "as the log tells it: no column has it"
 
 
 def test_an_export_writes_over_nothing_and_not_into_the_log(folder: Path, tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 from drivers.clock.host_clock import HostClock
+from drivers.errors import DeviceLost
 from drivers.openigtlink.image import Image
 from drivers.openigtlink.message import Message, encode
 from drivers.recordings.metaimage_writing import SequenceItem, write_metaimage
@@ -27,7 +28,7 @@ from tests.support.answers import answered
 from tests.support.boards import running_board
 from tests.support.recordings import SIZE_PX, items
 from tests.support.simulated_optotrak import bench
-from tools.commands.probe import Measured, _time_rows, complaints, findings
+from tools.commands.probe import Measured, _time_rows, _too_few, complaints, findings
 from tools.selftest.items import timing
 from tools.shared.time_quality import time_quality
 
@@ -243,6 +244,14 @@ def test_a_counter_that_stands_still_says_nothing_of_jitter() -> None:
 
 def test_too_few_samples_have_no_quality() -> None:
     assert time_quality([pose(1, 0), pose(2, 10)], [0, 0]) is None
+
+
+def test_so_few_samples_that_they_have_no_rate_are_poor() -> None:
+    """One picture in 5 s was good: its server gives all of them one time."""
+    said = "0.2 poses come per second, 15 are needed. Have the device or the sender give each one that it measures"
+    assert [*_too_few(Measured([pose(1, 0)], [0]), 5.0)] == [said]
+    assert [*_too_few(Measured([pose(1, 0)], [0], DeviceLost("ended", "x", "")), 5.0)] == []
+    assert [*_too_few(Measured([pose(n, 10 * n) for n in range(9)], [0] * 9), 5.0)] == []
 
 
 def placed(one: Pose, place_mm: tuple[float, float, float]) -> Pose:

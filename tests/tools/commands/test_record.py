@@ -123,6 +123,7 @@ def test_a_second_recorder_leaves_the_first_its_socket(tmp_path: Path) -> None:
         own = (tmp_path / "recorder").stat().st_ino
         with pytest.raises(ConfigurationError, match="another recorder writes there"):
             RecorderService(load_config(config))
+        assert "Stop that one first" in answered("record", "--config", config).stderr
         assert (tmp_path / "recorder").stat().st_ino == own
 
 

@@ -330,3 +330,8 @@ def test_why_a_calibration_has_ended_is_told_in_german() -> None:
     """The reason in the box was English."""
     shown = " ".join(drawn(120, status("de", fault=None, reason="it has expired since 2026-09-02 00:00 UTC")))
     assert "sie ist abgelaufen seit 2026-09-02 00:00 UTC" in shown
+
+
+def test_while_recalibrating_the_status_says_what_comes_next() -> None:
+    shown = " ".join(drawn(120, status(state="recalibrating", reason="", remedy="Finish the scan")))
+    assert "Finish the scan" in shown
