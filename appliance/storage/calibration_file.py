@@ -179,6 +179,14 @@ def refuse_other_kind(data: bytes, path: Path) -> None:
         raise ConfigurationError(f"is {kind}, not a calibration", str(path), _GIVE)
 
 
+def refuse_toml(data: bytes, path: Path) -> None:
+    """Raises ConfigurationError for a calibration in TOML, which needs no import, and for what is no device set."""
+    if not is_device_set(data):
+        parse_calibration(data, path)
+        remedy = f"Give it to the service: probewatch calibration use {path}"
+        raise ConfigurationError("is a calibration of probewatch already", str(path), remedy)
+
+
 def _kind_of(path: Path) -> str:
     with reading(path) as stream:
         head = stream.read(HEAD_BYTES)

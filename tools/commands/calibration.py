@@ -24,6 +24,7 @@ from appliance.storage.calibration_file import (
     provenance_of,
     read_calibration,
     refuse_other_kind,
+    refuse_toml,
     write_calibration,
 )
 from appliance.storage.device_set import clip_px, remarks
@@ -287,8 +288,7 @@ def import_file(file: Path, output: Path, image_size: tuple[int, int] | None, pr
 
     Neither states the size of the pictures, to which the origin refers, nor any sigma: give --image-size of the
     pictures as the service will see them, unless PLUS says which part of them it cuts out (ClipRectangleSize). What it
-    says besides of the devices is told, and what is to be done. `probewatch calibration use` gives the new file to the
-    service.
+    says besides of the devices is told. `probewatch calibration use` gives the new file to the service.
 
     \b
     Example:
@@ -300,9 +300,7 @@ def import_file(file: Path, output: Path, image_size: tuple[int, int] | None, pr
     is_itk = file.suffix == ".tfm" or content.startswith(ITK_BEGINS)
     if not is_itk:
         refuse_other_kind(content, file)
-        if not is_device_set(content):
-            remedy = f"Give it to the service: probewatch calibration use {file}"
-            raise ConfigurationError("is a calibration of probewatch already", str(file), remedy)
+        refuse_toml(content, file)
     clip = clip_px(content)
     if image_size is None and clip is None:
         raise click.UsageError("Missing option '--image-size': the file does not say how large the pictures are")

@@ -70,10 +70,8 @@ _OLDER = ", by MQTT 3.1.1, which neither refuses nor forgets a message; use a br
 _TOO_LARGE, _RAISE = "Packet too large", "; raise its limit of a message"
 _REMEDIES = {"Quota exceeded": _RAISE, _TOO_LARGE: _RAISE, "Not authorized": "; let this user write that topic"}
 _OTHERS = stat.S_IROTH | stat.S_IWOTH
-_SECRET = re.compile(r"//[^/]*@")
-"""User and password in a URL, which stay out of the journal."""
+_SECRET = re.compile(r"//[^/]*@")  # User and password in a URL.
 _LOCAL = ("localhost", "127.0.0.1", "::1")
-
 _AS_IT_IS = tuple(field for field in STATUS if field.mqtt)
 
 Say = Callable[[str], None]
@@ -81,9 +79,7 @@ Say = Callable[[str], None]
 
 @dataclass(frozen=True, slots=True)
 class Broker:
-    """Address of the broker, and the account there. tls: None for an unencrypted connection. password: None for a user
-    without one.
-    """
+    """Address of the broker, and the account there. tls: None without encryption. password: None for none."""
 
     host: str
     port: int
@@ -107,8 +103,8 @@ def broker_of(
         raise ConfigurationError("is not the address of a broker", printable(_SECRET.sub("//***@", url)), remedy)
     secure = parts.scheme == "mqtts"
     if not secure and password_file is not None and parts.hostname not in _LOCAL:
-        remedy = "Use mqtts://, or a broker on this computer"
-        raise ConfigurationError("everybody on the network could read the password", printable(url), remedy)
+        what = "everybody on the network could read the password"
+        raise ConfigurationError(what, printable(url), "Use mqtts://, or a broker on this computer")
     if not secure and (ca or certificate or key):
         raise ConfigurationError("does not use the certificates that are named", printable(url), "Use mqtts://")
     if key is not None and certificate is None:
