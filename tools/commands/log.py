@@ -129,10 +129,10 @@ def _named(entry: Entry, state: str | None, fault: str | None, event: str | None
 def _line(entry: Entry, language: str) -> str:
     """Returns the entry in the language where it can be told whole in it, else in English."""
     spoken = language if _is_whole(entry, language) else "en"
-    said = _TEXTS.get(entry.event, _all_of_it)(_in(spoken, entry))
-    if spoken != language and entry.event in _SET_UP:
+    said = _sentence(entry, spoken)
+    if spoken != language and entry.event in _TOLD_WHOLE:
         with suppress(KeyError):
-            spoken, said = language, _SET_UP[entry.event](entry.data, language)
+            spoken, said = language, _TOLD_WHOLE[entry.event](entry.data, language)
     elif spoken != language and (parts := _in_parts(entry.event, said, language)):
         spoken, said = language, parts
     text = f"{recognised(entry.event, spoken)}: {said}".removesuffix(": ")
@@ -140,6 +140,11 @@ def _line(entry: Entry, language: str) -> str:
     latched = "" if entry.latch is None else translated_text(entry.latch.state, spoken)
     latch = f" [{say('latched', spoken)}: {latched}]" if latched else ""
     return f"{entry.number:6}  {entry.utc}  {click.style(text, fg=colour)}{latch}"
+
+
+def _sentence(entry: Entry, language: str) -> str:
+    """Returns what the entry says, with those of its words in the language that have their translation."""
+    return _TEXTS.get(entry.event, _all_of_it)(_in(language, entry))
 
 
 def _is_whole(entry: Entry, language: str) -> bool:
@@ -319,7 +324,7 @@ def _given_up(data: Mapping[str, Any], language: str) -> str:
     return said
 
 
-_SET_UP: Mapping[str, Callable[[Mapping[str, Any], str], str]] = {
+_TOLD_WHOLE: Mapping[str, Callable[[Mapping[str, Any], str], str]] = {
     Event.STARTED: _started,
     Event.REFERENCE: lambda data, language: _reference(data.get("reference"), language),
     Event.CHAIN_BEGUN: _begun,
@@ -362,8 +367,7 @@ def _export(path: Path, entries: Iterable[Entry]) -> None:
         data = {name: entry.data.get(name, "") for name in _COLUMNS}
         latched = "" if entry.latch is None else entry.latch.state
         own = {"number": entry.number, "utc": entry.utc, "event": entry.event, "digest": entry.digest}
-        text_log = _TEXTS.get(entry.event, _all_of_it)(_in("en", entry))
-        row = {**data, **own, "latched": latched, "text": text_log}
+        row = {**data, **own, "latched": latched, "text": _sentence(entry, "en")}
         writer.writerow({name: _cell(value) for name, value in row.items()})
     with writing(path) as stream:
         stream.write(text.getvalue().encode())

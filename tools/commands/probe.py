@@ -67,6 +67,11 @@ class Measured:
         return [sample for sample in self.samples if isinstance(sample, Pose)]
 
     @property
+    def half(self) -> str:
+        """Which half of a cart the samples are of."""
+        return "poses" if self.poses else "pictures"
+
+    @property
     def usable(self) -> int:
         """The number of samples with a picture or a valid pose."""
         return sum(isinstance(sample, Frame) or sample.status is PoseStatus.OK for sample in self.samples)
@@ -314,24 +319,24 @@ def complaints(measured: Measured, time_remedy: str = "") -> Iterator[str]:
         known = f"the time is known only to ± {quality.bound_ms:.0f} ms in the median"
         yield f"{known}. {time_remedy or 'Measure longer, or look for what delays the line'}"
     if quality is not None:
-        yield from _complaints_of_rate(quality, "poses" if measured.poses else "pictures")
+        yield from _complaints_of_times(quality, measured.half)
 
 
 def _too_few(measured: Measured, seconds: float) -> Iterator[str]:
-    """Where so few came that they have no rate; a recording may be as short."""
-    half = "poses" if measured.poses else "pictures"
+    """Complains of a source that gave too few samples for a rate; a recording may be as short."""
+    if measured.end is None and time_quality(measured.samples, measured.arrivals_ns) is None:
+        yield from _complaint_of_rate(measured.usable / seconds, measured.half)
+
+
+def _complaint_of_rate(rate_hz: float, half: str) -> Iterator[str]:
     least_hz = LEAST_HZ[_HALVES[half]]
-    few = measured.usable < least_hz * seconds and time_quality(measured.samples, measured.arrivals_ns) is None
-    if few and measured.end is None:
-        what = f"{measured.usable / seconds:.3g} {half} come per second, {least_hz:g} are needed"
+    if rate_hz < least_hz:
+        what = f"{rate_hz:.3g} {half} come per second, {least_hz:g} are needed"
         yield f"{what}. Have the device or the sender give each one that it measures"
 
 
-def _complaints_of_rate(quality: TimeQuality, half: str) -> Iterator[str]:
-    least_hz = LEAST_HZ[_HALVES[half]]
-    if quality.rate_hz < least_hz:
-        what = f"{quality.rate_hz:.3g} {half} come per second, {least_hz:g} are needed"
-        yield f"{what}. Have the device or the sender give each one that it measures"
+def _complaints_of_times(quality: TimeQuality, half: str) -> Iterator[str]:
+    yield from _complaint_of_rate(quality.rate_hz, half)
     if quality.jitter_ms > MOST_JITTER_MS:
         yield f"the times scatter by {quality.jitter_ms:.0f} ms. Look for a slow line, or a sender that stamps late"
     if quality.lost > _MANY_LOST * quality.samples:

@@ -1,7 +1,5 @@
 """German of what `probe`, `devices` and a trial of `configure` say of devices. What a device calls itself stays."""
 
-from functools import cache
-
 from tools.german.free_texts import FreeTexts
 from tools.german.remarks import GERMAN_OF_REMARKS
 
@@ -139,12 +137,4 @@ _WORDS = {
 """Words of this program in a field; what a device or driver says instead stays as it is."""
 
 
-def device_text(text: str, language: str) -> str:
-    """Returns what is said of a device, in the language; English as a whole where it cannot be told whole in it."""
-    said = None if language == "en" else _texts().translated(text)
-    return text if said is None else said
-
-
-@cache
-def _texts() -> FreeTexts:
-    return FreeTexts(GERMAN_OF_DEVICES, _WORDS)
+device_text = FreeTexts(GERMAN_OF_DEVICES, _WORDS).told

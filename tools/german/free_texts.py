@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Mapping
+from functools import cached_property
 
 
 class FreeTexts:
@@ -11,9 +12,18 @@ class FreeTexts:
 
     def __init__(self, table: Mapping[str, str], words: Mapping[str, str]) -> None:
         self._table, self._words = table, words
-        self._patterns = [
+
+    def told(self, text: str, language: str) -> str:
+        """Returns the text in the language; English as a whole where the table has none of the whole of it."""
+        said = None if language == "en" else self.translated(text)
+        return text if said is None else said
+
+    @cached_property
+    def _patterns(self) -> list[tuple[re.Pattern[str], str]]:
+        """Compiled when the first text is looked for: a cart whose language is English needs none."""
+        return [
             (re.compile(re.sub(r"\\{(\w+)\\}", r"(?P<\1>.+?)", re.escape(english))), german)
-            for english, german in table.items()
+            for english, german in self._table.items()
             if "{" in english
         ]
 

@@ -1,7 +1,5 @@
 """German of what `record` says of the recorder."""
 
-from functools import cache
-
 from tools.german.free_texts import FreeTexts
 
 GERMAN_OF_RECORDER = {
@@ -29,12 +27,4 @@ GERMAN_OF_RECORDER = {
 }
 
 
-def recorder_text(text: str, language: str) -> str:
-    """Returns what is said of the recorder, in the language; English where it cannot be told whole in it."""
-    said = None if language == "en" else _texts().translated(text)
-    return text if said is None else said
-
-
-@cache
-def _texts() -> FreeTexts:
-    return FreeTexts(GERMAN_OF_RECORDER, {})
+recorder_text = FreeTexts(GERMAN_OF_RECORDER, {}).told

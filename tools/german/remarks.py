@@ -31,10 +31,11 @@ GERMAN_OF_REMARKS = {
     "{number} damaged messages were refused": "{number} beschädigte Nachrichten wurden abgewiesen",
     "{number} damaged packets were refused": "{number} beschädigte Pakete wurden abgewiesen",
     "damaged replies refused: {number}; where they go on, see cable and plugs": (
-        "beschädigte Antworten abgewiesen: {number}; kommen weitere, Kabel und Stecker ansehen"
+        "beschädigte Antworten abgelehnt: {number}; halten sie an, Kabel und Stecker ansehen"
     ),
     "poses read a second time, after a leap or a gap, and then used: {number}; this is no fault": (
-        "nach Sprung oder Lücke ein zweites Mal gelesene und dann benutzte Posen: {number}; das ist kein Fehler"
+        "Posen nach einem Sprung oder einer Lücke ein zweites Mal gelesen und dann verwendet: {number}; das ist kein "
+        "Fehler"
     ),
     "{number} times the server's clock jumped, or its messages came later from then on": (
         "{number}-mal sprang die Uhr des Servers, oder seine Nachrichten kamen von da an später"

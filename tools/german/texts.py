@@ -263,12 +263,6 @@ GERMAN_OF_TOOLS = {
     "it is {said}, and of it is not shown yet: {names}": "sie ist {said}, und von ihr ist noch nicht gezeigt: {names}",
     "far from the one before": "weit von der vorigen",
     "the first calibration": "die erste Kalibrierung",
-    "damaged replies refused: {number}": "beschädigte Antworten abgelehnt: {number}",
-    "where they go on, see cable and plugs": "halten sie an, Kabel und Stecker ansehen",
-    "poses read a second time, after a leap or a gap, and then used: {number}": (
-        "Posen nach einem Sprung oder einer Lücke ein zweites Mal gelesen und dann verwendet: {number}"
-    ),
-    "this is no fault": "das ist kein Fehler",
     # lamp-test, trend
     "does not answer": "antwortet nicht",
     "limit": "Grenze",

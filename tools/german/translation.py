@@ -21,7 +21,6 @@ from drivers.errors import ProbewatchError
 from tools.german.devices import GERMAN_OF_MENDING
 from tools.german.errors import GERMAN_OF_ERRORS
 from tools.german.questions import GERMAN_OF_QUESTIONS
-from tools.german.remarks import GERMAN_OF_REMARKS
 from tools.german.reports import GERMAN_OF_REPORTS
 from tools.german.setup import GERMAN_OF_SETUP
 from tools.german.texts import GERMAN_OF_TOOLS
@@ -116,7 +115,7 @@ def _error_text(text: str, language: str) -> str | None:
 
 @cache
 def _errors() -> Texts:
-    return Texts({**_ALL, **GERMAN_OF_ERRORS, **GERMAN_OF_MENDING, **GERMAN_OF_REMARKS})
+    return Texts({**_ALL, **GERMAN_OF_ERRORS, **GERMAN_OF_MENDING})
 
 
 def _of_page(text: str) -> str:
@@ -147,8 +146,8 @@ def _page() -> tuple[dict[str, str], list[tuple[re.Pattern[str], str]]]:
 
 
 def confirmed(question: str, language: str, default: bool = False) -> bool:
-    """Asks a person; German takes j and n, and y as well. default: what Enter says. Raises click.Abort at Ctrl-C and at
-    the end of the input.
+    """Asks a person, who answers y or n, or j and n as in German. default: what Enter says. Raises click.Abort at
+    Ctrl-C and at the end of the input.
     """
     yes, complaint = ("y", "Answer y or n") if language == "en" else ("j", "Bitte j oder n eingeben")
     choice = f"{yes.upper()}/n" if default else f"{yes}/N"

@@ -1,7 +1,5 @@
 """German of what click refuses of a command line, and of what the technician's commands refuse of their options."""
 
-from functools import cache
-
 from tools.german.free_texts import FreeTexts
 
 GERMAN_OF_USAGE = {
@@ -95,13 +93,9 @@ GERMAN_OF_USAGE = {
 }
 _WORDS = {"day": "Tag", "week": "Woche", "month": "Monat", "poses": "Posen", "pictures": "Bilder"}
 """Words of this program in a field."""
+_TEXTS = FreeTexts(GERMAN_OF_USAGE, _WORDS)
 
 
 def usage_text(message: str) -> str | None:
     """Returns the German of a refused command line; None where the table has none of the whole of it."""
-    return _texts().translated(" ".join(message.split()))
-
-
-@cache
-def _texts() -> FreeTexts:
-    return FreeTexts(GERMAN_OF_USAGE, _WORDS)
+    return _TEXTS.translated(" ".join(message.split()))

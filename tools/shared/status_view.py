@@ -18,6 +18,7 @@ from appliance.service.control.status_fields import STATUS, Field
 from appliance.supervision.languages import translated, translated_text
 from appliance.types import Fault, State
 from drivers.device_api import BUMPED
+from tools.german.devices import device_text
 from tools.german.translation import lost_text, recognised, told
 from tools.shared.gesture_drawings import drawn
 from tools.shared.plain_text import shown
@@ -273,7 +274,7 @@ def _remarks(status: Status) -> list[Text]:
         *([_words(status)["recovering"].format(names=back)] if back else []),
         *status["notices"],
         *([f"recalibration: {given_up}"] if given_up else []),
-        *(recognised(remark, language) for remark in status["remarks"]),
+        *(device_text(recognised(remark, language), language) for remark in status["remarks"]),
         *([told(_LOOKED_AT, language)] if _waits_for_a_look(status) else []),
         *lost,
         *ended,
