@@ -1,4 +1,4 @@
-"""What happens to a simulated device, for whoever runs it."""
+"""Events of a simulated device, as lines of JSON."""
 
 import json
 import sys

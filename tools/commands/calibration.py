@@ -287,8 +287,8 @@ def import_file(file: Path, output: Path, image_size: tuple[int, int] | None, pr
     """Make our calibration file of FILE, a device set of PLUS or an ITK text transform (.tfm).
 
     Neither states the size of the pictures, to which the origin refers, nor any sigma: give --image-size of the
-    pictures as the service will see them, unless PLUS says which part of them it cuts out (ClipRectangleSize). What it
-    says besides of the devices is told. `probewatch calibration use` gives the new file to the service.
+    pictures as the service will see them, unless PLUS says which part of them it cuts out (ClipRectangleSize). What
+    else PLUS states about the devices is printed. `probewatch calibration use` gives the new file to the service.
 
     \b
     Example:

@@ -79,7 +79,7 @@ Say = Callable[[str], None]
 
 @dataclass(frozen=True, slots=True)
 class Broker:
-    """Address of the broker, and the account there. tls: None without encryption. password: None for none."""
+    """Address of the broker, and the account there. tls: None without encryption. password: None without one."""
 
     host: str
     port: int

@@ -339,8 +339,8 @@ class PathResidual:
 
     @cached_property
     def lack(self) -> Lack | None:
-        """What the pictures lack for anything to be concluded over tissue that may give way; None where it is nothing,
-        and over rigid tissue.
+        """Returns the property of the pictures that is too small for a conclusion over tissue that may give way; None
+        where none is, and over rigid tissue.
         """
         area_mm2 = float(np.prod(self._reference.scale_mm_per_px * self._reference.image_size_px))
         of_picture = {

@@ -78,9 +78,9 @@ class TissueMotion(NamedTuple):
 
     @property
     def hides(self) -> float:
-        """What of the axial scale tissue hides that passes for rigid: what surely follows, and what motion has left
-        unknown of it, .03 of .05 after a narrow turn. Without the unknown the contact closed for 5 s in 30 on the same
-        scale (in-plane, seeds 1 and 2).
+        """Returns the relative error of the axial scale that tissue which passes for rigid may hide: the share that it
+        surely follows by, and the sigma of that share, .03 after a narrow turn. Without the sigma the contact closed
+        for 5 s in 30 on the same scale (in-plane, seeds 1 and 2).
         """
         return 0.0 if self.may & PRESSES else float(np.hypot(self.surely, self.follows[1]))
 

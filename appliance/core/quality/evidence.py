@@ -184,7 +184,7 @@ class Evidence:
 
     @property
     def lack(self) -> Lack | None:
-        """What the pictures of the latest solution lack for anything to be concluded; None without one."""
+        """Returns the `Lack` of the latest solution's pictures; None without a solution."""
         return None if self._latest.solution is None else self._latest.solution.lack
 
     @property

@@ -39,7 +39,7 @@ _LACKS = {
     "depth_mm": "picture too shallow: {value:.0f} mm, over tissue that may give way {least:.0f} mm needed",
     "tissue_mm2": "too little tissue in the picture: {value:.0f} mm², where it may give way {least:.0f} mm² needed",
 }
-"""What is said of a `Lack`, by its name."""
+"""The sentence of each `Lack`, by its name."""
 
 
 def judge(t_ns: int, checks: tuple[Check, ...], status: VerificationStatus, broke: bool = False) -> Verdict:

@@ -63,7 +63,7 @@ def test_nor_without_a_gesture(seed: int) -> None:
 
 
 def test_rigid_tissue_is_verified_whatever_share_its_first_motion_shows() -> None:
-    """Of .09 ± .05, which was kept: not verified in 30 s."""
+    """The first share was .09 ± .05 and was kept, so nothing was verified in 30 s."""
     assert watched("still", 15.0, 5, motion="in-plane").closed > 0
 
 

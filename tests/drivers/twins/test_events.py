@@ -1,4 +1,4 @@
-"""What a simulated device prints goes where it was made."""
+"""A simulated device prints to the standard output that was in place when it was made."""
 
 from contextlib import ExitStack, redirect_stdout
 from io import StringIO

@@ -1,4 +1,4 @@
-"""What `probe` finds poor about poses and pictures, and what to do about it."""
+"""Complaints of `probe` about poses and pictures, each with its remedy."""
 
 import numpy as np
 import pytest
