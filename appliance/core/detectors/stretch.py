@@ -20,6 +20,10 @@ stretch, a smaller one is alike elsewhere; at the edge a stretch by 12 % moves i
 _INSET_PX = 4
 """From the edge of the picture to the outer parts, so that they may move outwards: further in they show less of a
 stretch; nearer they are lost sooner, as what goes beyond the edge is found at the edge."""
+_LEAST_SEEN = 0.3
+"""Share of the row, or column, in which most is seen, from which another counts. Not varied."""
+_EDGE = np.ones((3, 3), np.uint8)
+"""Neighbours of a px that must be seen as well: at the border of what is seen, what lies beyond it is mixed in."""
 _GRID = (5, 4)
 """Parts across and down: four and more in each direction, so that some behind text or shadow leave enough."""
 _LEAST_ALIKE = 0.4
@@ -59,6 +63,21 @@ class Lines:
 
     turned_rad: Array
     warp: Array
+
+
+def seen_in_both(before: Array32, now: Array32) -> tuple[Array32, Array32]:
+    """Both pictures within the rows and columns of which both show something: what else there is stands still, as does
+    the edge, which is left out.
+    """
+    seen = cv2.erode(((before != 0) & (now != 0)).astype(np.uint8), _EDGE).astype(bool)
+    before, now = before * seen, now * seen
+    rows, columns = (
+        np.flatnonzero(share > _LEAST_SEEN * share.max()) for share in (seen.mean(axis=1), seen.mean(axis=0))
+    )
+    if min(rows.size, columns.size) < 2 * _SIDE_PX:
+        return before, now
+    box = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+    return before[box], now[box]
 
 
 def stretch_between(before: Array32, now: Array32, aspect: float, start: tuple[float, float]) -> Stretch | None:

@@ -1,5 +1,6 @@
 """A picture becomes another while the contact is closed: it opens within a second, and stays open."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
 from itertools import product
@@ -10,7 +11,7 @@ from appliance.core.line import Line
 from appliance.supervision.timeline import Timeline
 from appliance.types import State
 from drivers.samples import Frame, GreyImage
-from tests.support.picture_breaks import BREAKS, Break, Other
+from tests.support.picture_breaks import BREAKS, Break, Other, faded
 from tools.study.outcome import closed_share
 from tools.study.samples import Conditions, rendered, samples, stamp_ns
 from tools.study.session import Session
@@ -32,8 +33,19 @@ def pictures(session: Session) -> list[GreyImage]:
     return rendered(session, None)
 
 
-def closed_s(name: str, seed: int, happening: Break) -> tuple[bool, float]:
-    """Whether the contact was closed when it happened, and for how long it was later than a second after."""
+def windowed(image: GreyImage) -> GreyImage:
+    """As a narrow array is shown: black beside the middle 24 mm, which stand still on the screen."""
+    shown, side = image.copy(), image.shape[1] // 5
+    shown[:, :side] = shown[:, -side:] = 0
+    return shown
+
+
+def closed_s(
+    name: str, seed: int, happening: Break, screen: Callable[[GreyImage], GreyImage] | None = None
+) -> tuple[bool, float]:
+    """Whether the contact was closed when it happened, and for how long it was later than a second after. screen: what
+    is done to each picture, before and after.
+    """
     session = Session(name, "still", seed, ENDS_S)
     conditions = Conditions(session)
     line = Line(session.reference, conditions.judging.limits)
@@ -42,7 +54,8 @@ def closed_s(name: str, seed: int, happening: Break) -> tuple[bool, float]:
     for sample in samples(conditions, pictures(session)):
         shown = sample
         if isinstance(sample, Frame):
-            shown = replace(sample, image=happening.shown(pictures(session), sample.sequence, first))
+            image = happening.shown(pictures(session), sample.sequence, first)
+            shown = replace(sample, image=image if screen is None else screen(image))
         timeline.step(shown, line.step(shown))
     timeline.finish()
     changes = timeline.changes
@@ -58,6 +71,27 @@ def closed_s(name: str, seed: int, happening: Break) -> tuple[bool, float]:
 @pytest.mark.parametrize(("name", "what"), TRIED)
 def test_a_broken_picture_opens_the_contact_within_a_second_and_for_good(name: str, what: str) -> None:
     assert closed_s(name, 1, BREAKS[what]) == (True, 0.0)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(("seed", "zoom", "lasting"), [(3, 1.1, 0), (5, 1.06, 0), (3, 1.07, 4), (1, 0.93, 0)])
+def test_so_does_one_that_is_stretched_in_a_window_without_a_fan(seed: int, zoom: float, lasting: int) -> None:
+    """Held, it stayed closed to the end: the edges of the window stood still, and layers are alike along them."""
+    assert closed_s(HOLD, seed, Break(Other(zoom=(zoom, 1.0)), lasting=lasting), windowed) == (True, 0.0)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("seed", [3, 5])
+def test_so_does_one_that_fades_into_a_stretched_one_there(seed: int) -> None:
+    """No tissue is strained to its sides alone."""
+    assert closed_s(HOLD, seed, Break(Other(zoom=(1.1, 1.0)), faded, 6), windowed) == (True, 0.0)
+
+
+@pytest.mark.thorough
+def test_a_window_alone_opens_nothing() -> None:
+    was_closed, later_s = closed_s(HOLD, 3, NOT_A_BREAK, windowed)
+    assert was_closed
+    assert later_s == pytest.approx(ENDS_S - BREAKS_S - OPEN_WITHIN_S, abs=0.1)
 
 
 @pytest.mark.slow

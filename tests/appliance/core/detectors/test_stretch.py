@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from appliance.core.detectors.picture_link import small
-from appliance.core.detectors.stretch import carried, likeness_in_place, stretch_between
+from appliance.core.detectors.stretch import carried, likeness_in_place, seen_in_both, stretch_between
 from tests.appliance.core.detectors.test_picture_chain import speckle, stretched
 
 
@@ -36,3 +36,13 @@ def test_a_stretch_explains_what_shift_and_turn_leave_and_sliding_parts_none() -
     found = stretch_between(small(wide[:, 40:360]), small(slid), 1.0, (1.0, 1.0))
     assert found is not None
     assert found.gained_px < 0.1
+
+
+def test_pictures_are_compared_where_both_show_something() -> None:
+    """The edge of a window stands still, whatever is done to what it shows; nothing that touches it counts."""
+    before, now = np.zeros((120, 160), np.float32), np.zeros((120, 160), np.float32)
+    before[10:110, 30:120] = now[5:100, 40:130] = 1.0
+    assert [one.shape for one in seen_in_both(before, now)] == [(88, 78), (88, 78)]
+    assert all(one.all() for one in seen_in_both(before, now))
+    now[:, 70:] = 0.0
+    assert seen_in_both(before, now)[0].shape == before.shape, "28 columns hold no parts side by side"
