@@ -3,7 +3,7 @@ of commands, `appliance.supervision.languages` of what the service says, and too
 says.
 
 JSON, records, options and the names of faults stay English: programs rely on them. So does an error of which not all is
-in `errors`.
+in `errors` or `calibrations`.
 """
 
 import json
@@ -18,6 +18,7 @@ import click
 
 from appliance.supervision.languages import GERMAN, Texts
 from drivers.errors import ProbewatchError
+from tools.german.calibrations import GERMAN_OF_CALIBRATIONS
 from tools.german.devices import GERMAN_OF_MENDING
 from tools.german.errors import GERMAN_OF_ERRORS
 from tools.german.questions import GERMAN_OF_QUESTIONS
@@ -115,7 +116,7 @@ def _error_text(text: str, language: str) -> str | None:
 
 @cache
 def _errors() -> Texts:
-    return Texts({**_ALL, **GERMAN_OF_ERRORS, **GERMAN_OF_MENDING})
+    return Texts({**_ALL, **GERMAN_OF_ERRORS, **GERMAN_OF_CALIBRATIONS, **GERMAN_OF_MENDING})
 
 
 def _of_page(text: str) -> str:

@@ -29,6 +29,11 @@ def test_an_organ_that_slides_under_its_wall_accuses_nobody() -> None:
     assert watched("organ-8-lateral", 6.0, 3, motion="in-plane").faults == ""
 
 
+def test_nor_does_one_that_slides_along_the_beam_of_a_held_probe() -> None:
+    """What it left of a picture of 0.6 s before was like a zoom by +17 %, which its parts do not show."""
+    assert watched("organ-8-axial", 20.0, 3, motion="gesture-hold").faults == ""
+
+
 def test_a_deep_breath_that_presses_soft_tissue_against_a_resting_face_accuses_nobody() -> None:
     """It was named a zoom by +7 % after 7.7 s."""
     assert watched("half-20+drag-1+deep+breath-12-axial", 30.0, 1, motion="gesture-hold").faults == ""

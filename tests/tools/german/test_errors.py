@@ -7,9 +7,12 @@ from pathlib import Path
 import pytest
 
 from appliance.storage.alarm_log import AlarmLog
+from appliance.storage.calibration_file import read_calibration
+from appliance.storage.reference_store import FOLDER, HISTORY, History, read_history, write_history
 from drivers.errors import ConfigurationError, DeviceLost, ProbewatchError
 from tests.support.answering import Answering
 from tests.support.answers import answered
+from tools.german.calibrations import GERMAN_OF_CALIBRATIONS
 from tools.german.errors import GERMAN_OF_ERRORS
 from tools.german.translation import lost_text, tell_refused
 
@@ -25,9 +28,11 @@ def sources() -> Iterator[str]:
 
 
 def test_nothing_is_translated_that_nobody_says() -> None:
-    said = " ".join(re.sub(r'"\s*\n?\s*f?"', "", source) for source in sources())
-    for english in set(GERMAN_OF_ERRORS) - set(OF_THE_SYSTEM):
-        pieces = [piece for piece in re.split(r"{\w+}|[,():;.]", english) if re.search("[a-z]{3}", piece)]
+    said = " ".join(re.sub(r"""["']\s*\n\s*f?["']""", "", source) for source in sources())
+    for english in {*GERMAN_OF_ERRORS, *GERMAN_OF_CALIBRATIONS} - set(OF_THE_SYSTEM):
+        pieces = [
+            piece for piece in re.split(r"{\w+}|^ImageToProbe |[][,():;.=\"…]", english) if re.search("[a-z]{3}", piece)
+        ]
         assert all(piece.strip(" .?") in said for piece in pieces), english
 
 
@@ -75,6 +80,48 @@ def test_what_a_command_of_a_german_cart_refuses_is_german(tmp_path: Path) -> No
         f"probewatch: {tmp_path}/none: kein Dienst antwortet (keine solche Datei). Ihn starten: probewatch run "
         f"--config {cart}\n",
     )
+
+
+IDENTITY = "image_to_probe = [[1.0, 0, 0, 0], [0, 1.0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]"
+OWN = 'format = "probewatch-calibration"\nversion = 1\nimage_size_px = [640, 480]\n'
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"",
+        b"\x89HDF\r\n",
+        b"{}",
+        b"1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n",
+        (OWN + "image_to_probe = no").encode(),
+        (OWN + IDENTITY).encode(),
+        (OWN + IDENTITY.replace("1.0", "90.0")).encode(),
+        (OWN + IDENTITY.replace("1.0", "0.0001")).encode(),
+        (OWN + IDENTITY.replace("1.0", "0.2").replace("0, 0, 0, 1]]", "0, 0, 3, 1]]")).encode(),
+        (OWN + IDENTITY.replace("1.0", "0.2").replace("0, 0, 1, 0]", "0, 0, -1, 0]")).encode(),
+        (OWN + IDENTITY.replace("[1.0, 0, 0, 0]", "[0.2, 0, 0, 9000]").replace("1.0", "0.2")).encode(),
+    ],
+)
+def test_why_a_file_is_no_calibration_is_german(content: bytes, tmp_path: Path) -> None:
+    """It was English beside German questions."""
+    file = tmp_path / "new.toml"
+    file.write_bytes(content)
+    with pytest.raises(ConfigurationError) as refused:
+        read_calibration(file, None)
+    what, remedy = refused.value.what, refused.value.remedy
+    tell_refused(refused.value, "de")
+    assert refused.value.what != what
+    assert refused.value.remedy != remedy
+
+
+@pytest.mark.parametrize("damage", ["", "{}", '{"check": 1}'])
+def test_so_is_what_is_wrong_with_the_history_of_references(damage: str, tmp_path: Path) -> None:
+    write_history(tmp_path, History(), {})
+    (tmp_path / FOLDER / HISTORY).write_text(damage)
+    with pytest.raises(ConfigurationError) as refused:
+        read_history(tmp_path)
+    tell_refused(refused.value, "de")
+    assert "welche Kalibrierung gilt, ist nicht bekannt. Den Ordner" in str(refused.value)
 
 
 def test_why_a_device_is_lost_is_german_in_the_status_of_a_german_cart(tmp_path: Path) -> None:
