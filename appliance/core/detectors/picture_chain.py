@@ -258,7 +258,8 @@ class PictureChain(Detector):
         """
         if self._fell < _FELL_LITTLE:
             return None
-        stretch = closest_stretch(carried(last.small, way, self._aspect), view.small, self._aspect, self._least)
+        expected = carried(last.small, way, self._aspect)
+        stretch = closest_stretch(expected, view.small, self._aspect, self._least, [(1.0, 1.0)])
         return None if self._change_by(stretch, view, last) is None else PictureChange()
 
     def _faded(self, view: View) -> PictureChange | None:
