@@ -23,8 +23,9 @@ fewer leave too little speckle to distinguish a mirrored picture from another.
 """
 _SHADE_PX = 5.0
 """Sigma of what counts as shade, px of the small picture: wider than its speckle. More lets a bright half match any."""
-_AROUND, _BLACK = np.ones((7, 7), np.uint8), 5.0
-"""Neighbourhood, px of the small picture, in which nothing is brighter than so many grey levels where it is black."""
+_AROUND_PX, _BLACK = 7, 5.0
+"""Side of the neighbourhood, px of the small picture, whose mean is below so many grey levels where it is black: noise
+of ± 8 has 3 there, a wire in water 10 and more. Less takes noise beside a picture for tissue, more a deep shadow off."""
 _LEAST_GREY = 2.0
 """Standard deviation of a small picture, grey levels, from which it can be compared: noise of ± 4 on black has 1.5,
 dim tissue 5 and more."""
@@ -118,7 +119,7 @@ def small(image: GreyImage, mask: Bits | None = None) -> Array32:
     share = min(1.0, SMALL_PX / image.shape[1])
     size = (max(round(image.shape[1] * share), 1), max(round(image.shape[0] * share), 1))
     picture = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.float32)
-    within = (cv2.dilate(picture, _AROUND) >= _BLACK).astype(np.float32)
+    within = (cv2.blur(picture, (_AROUND_PX, _AROUND_PX)) >= _BLACK).astype(np.float32)
     if mask is not None:
         within *= cv2.resize(mask.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST)
     shade = cv2.GaussianBlur(picture * within, (0, 0), _SHADE_PX) / (cv2.GaussianBlur(within, (0, 0), _SHADE_PX) + 1e-6)
