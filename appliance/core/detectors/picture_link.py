@@ -25,7 +25,8 @@ _SHADE_PX = 5.0
 """Sigma of what counts as shade, px of the small picture: wider than its speckle. More lets a bright half match any."""
 _AROUND_PX, _BLACK = 7, 5.0
 """Side of the neighbourhood, px of the small picture, whose mean is below so many grey levels where it is black: noise
-of ± 8 has 3 there, a wire in water 10 and more. Less takes noise beside a picture for tissue, more a deep shadow off."""
+of ± 8 has 3 there, a wire in water 10 and more. Less takes noise beside a picture for tissue, more leaves out shadows.
+"""
 _LEAST_GREY = 2.0
 """Standard deviation of a small picture, grey levels, from which it can be compared: noise of ± 4 on black has 1.5,
 dim tissue 5 and more."""
