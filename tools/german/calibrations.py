@@ -1,13 +1,10 @@
-"""German of why a service can use no file as its calibration, and of what is wrong with the history of those."""
-
-_GIVE = "Eine .toml oder eine .xml von PLUS angeben"
-_AGAIN = "Die Sonde neu kalibrieren, oder die Datei wiederherstellen"
+"""German of the refusals of calibration files, and of the damages of the history of references."""
 
 GERMAN_OF_CALIBRATIONS = {
     # the file
     "is empty": "ist leer",
     "Copy it again": "Sie noch einmal kopieren",
-    "Give a .toml or a PLUS .xml file": _GIVE,
+    "Give a .toml or a PLUS .xml file": "Eine .toml oder eine .xml von PLUS angeben",
     "is a bare matrix of 4 x 4 numbers": "ist eine bloße Matrix von 4 x 4 Zahlen",
     'Write a .toml: format = "probewatch-calibration", version = 1, image_size_px = [width, height] and '
     "image_to_probe = [[…], […], […], [0, 0, 0, 1]], its rows, px to mm": (
@@ -56,7 +53,7 @@ GERMAN_OF_CALIBRATIONS = {
     "a film": "ein Film",
     # ImageToProbe
     "ImageToProbe has a number that is not finite": "ImageToProbe hat eine Zahl, die nicht endlich ist",
-    "Calibrate the probe again, or restore the file": _AGAIN,
+    "Calibrate the probe again, or restore the file": ("Die Sonde neu kalibrieren, oder die Datei wiederherstellen"),
     "ImageToProbe has the last row {text}, not 0 0 0 1": "ImageToProbe hat als letzte Zeile {text}, nicht 0 0 0 1",
     "It is transposed: write it row by row": "Sie ist transponiert: zeilenweise schreiben",
     "ImageToProbe has scales {text} and {times} mm/px, not within 0.001 to 10": (
@@ -114,7 +111,4 @@ GERMAN_OF_CALIBRATIONS = {
     "Run the command as the service's user, or as root": (
         "Den Befehl als Benutzer des Dienstes ausführen, oder als root"
     ),
-    # the alarm log
-    "lies in the folder of the log itself": "liegt im Ordner des Protokolls selbst",
-    "Write it to another folder": "In einen anderen Ordner schreiben",
 }

@@ -85,6 +85,8 @@ GERMAN_OF_ERRORS = {
     "Name a file in a folder that exists and may be written to": (
         "Eine Datei in einem Ordner nennen, den es gibt und der beschreibbar ist"
     ),
+    "lies in the folder of the log itself": "liegt im Ordner des Protokolls selbst",
+    "Write it to another folder": "In einen anderen Ordner schreiben",
     "no service answers ({said})": "kein Dienst antwortet ({said})",
     "Start it: systemctl start probewatch; if it ends again, journalctl -u probewatch says why": (
         "Ihn starten: systemctl start probewatch; endet er wieder, sagt journalctl -u probewatch, warum"
