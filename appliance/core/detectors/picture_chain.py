@@ -55,16 +55,13 @@ _FELL = 0.12
 from which one that was followed is held against it. Of healthy motion one in a hundred falls so far, of pictures
 stretched by 6 % all (six sessions of two seconds). Less asks more often, 20 ms each time, more misses small ones."""
 _FELL_LITTLE = 0.03
-"""The same, from which it is looked at for a stretch alone. In windows of 19 mm stretched laterally by 4 to 6 % it fell
-by .05 to .13; of healthy motion one to ten in a hundred fall so far, and none of 768 showed a stretch by 1.5 % and more
-(eighteen sessions of nine worlds, with a window and without)."""
+"""Fall of the same likeness from which the picture is searched for a stretch alone. Windows of 19 mm that were
+stretched laterally by 4 to 6 % fell by .05 to .13. Of healthy pictures one to ten in a hundred fall so far, and none of
+768 had a stretch by 1.5 % or more (eighteen sessions of nine worlds, with a window and without). Less searches more
+often, 2 ms each time; more misses small stretches."""
 _LEAST_OF_LIMIT = 0.8
-"""Least stretch that counts, of the limit of a scale: what is measured of one is right to .2 %."""
-_ACROSS, _CALM = 0.3, 0.85
-"""Stretch across ÷ down below which a sliding organ may be what stretches the picture, and likeness of the pictures
-before above which nothing slid. Over organs that breathe by 8 mm along the beam, in pictures of 32 by 21 and 26 by 13
-mm, what was taken for a stretch came across to 0 to .1 of what it was down, was less alike by .2 and more, or came
-where the pictures before had .3 to .8 (study, gesture-hold, organ-8-axial, seeds 1 to 3)."""
+"""Smallest stretch that counts ÷ limit of a scale. Less voids what was shown for changes within the limit, more misses
+those just beyond it. A measured stretch is right to .2 %. Not varied."""
 _SEARCHES = 3
 """For a flip or a zoom, 40 ms each, after the chain has ended: the first pictures may be black, or half of another."""
 _LEFT_PX = 1.5
@@ -157,9 +154,10 @@ class PictureChain(Detector):
             # Pictures that are covered in part kept the sight, so that the line has voided nothing by its gap rule.
             return PictureChange() if carried_on else None
         own = self._own_course(seen, view, last) if direct else None
-        if own is not None and self._goes_on(own, view, last):
-            way = own.after(view.t_ns - last.t_ns, last.small.shape[1])
-            change = self._stretched(way, view, last) if known else None
+        way = None if own is None else own.after(view.t_ns - last.t_ns, last.small.shape[1])
+        followed = None if way is None else carried(last.small, way, self._aspect)
+        if way is not None and followed is not None and self._goes_on(followed, view):
+            change = self._stretched(followed, view, last) if known else None
             self._go_on(view, last, own)
             change = change or self._magnification.crept() or self._dissolved(view)
             change = change or self._resting.step(view, way) or self._faded(view)
@@ -244,22 +242,23 @@ class PictureChain(Detector):
         since_ns = view.t_ns - last.t_ns
         return _Course(seen.warp[0] / seen.image.shape[1] / since_ns, seen.warp[1] / since_ns)
 
-    def _goes_on(self, own: _Course, view: View, last: View) -> bool:
-        """Whether a picture that was followed is as much like the one before as those before it were."""
-        way = own.after(view.t_ns - last.t_ns, last.small.shape[1])
-        likeness = likeness_in_place(carried(last.small, way, self._aspect), view.small)
+    def _goes_on(self, followed: Array32, view: View) -> bool:
+        """Whether a picture is as much like the one before as those before it were. followed: the one before, with its
+        tissue where the registration has it now.
+        """
+        likeness = likeness_in_place(followed, view.small)
         # The least: of a scanner behind a faster grabber every second picture is like the one before but for noise.
         self._newest, self._fell = likeness, min(self._likenesses, default=0.0) - likeness
         return self._fell <= _FELL
 
-    def _stretched(self, way: Warp, view: View, last: View) -> PictureChange | None:
-        """A change without a name where a picture that goes on is stretched, too little, or too narrow itself, to end
-        the chain: an organ that slides along the beam stretches what lies between.
+    def _stretched(self, followed: Array32, view: View, last: View) -> PictureChange | None:
+        """Returns an unnamed change where the picture is stretched, but so little, or in so narrow a window, that the
+        chain goes on; it has no name, because a sliding organ also stretches the tissue beside it. followed: as of
+        `_goes_on`.
         """
         if self._fell < _FELL_LITTLE:
             return None
-        expected = carried(last.small, way, self._aspect)
-        stretch = closest_stretch(expected, view.small, self._aspect, self._least, [(1.0, 1.0)])
+        stretch = closest_stretch(followed, view.small, self._aspect, self._least, [(1.0, 1.0)])
         return None if self._change_by(stretch, view, last) is None else PictureChange()
 
     def _faded(self, view: View) -> PictureChange | None:
@@ -297,8 +296,8 @@ class PictureChain(Detector):
 
     def _change(self, placed: Array32, view: View, last: View, link: Link | None) -> PictureChange | None:
         """Returns how the picture has changed, None for not at all. placed: the last picture of the chain where its
-        tissue is now. What is like it as a whole is neither mirrored nor another depth by far; a stretch of it that is
-        but likely has no name.
+        tissue is now. What is like it as a whole is neither mirrored nor another depth by far. A stretch that is
+        likely, and not certain, gives an unnamed change.
         """
         stretch = closest_stretch(placed, view.small, self._aspect, self._least)
         whole = link is not None and link.whole
@@ -312,22 +311,11 @@ class PictureChain(Detector):
         return flip_or_zoom_of(placed, view.small)
 
     def _change_by(self, stretch: Stretched | None, view: View, last: View) -> PictureChange | None:
-        """The change that a stretch makes: none where tissue that the face pressed meanwhile explains it."""
+        """Returns the change for a stretch; None where it is too uncertain, or the press of the face explains it."""
         if stretch is None:
             return None
-        if stretch.certain:
-            return stretch.change if self._has_name(stretch) else PictureChange()
         pressed = float(np.abs(pressed_between(self._reference, last, view)).sum())
-        beyond = float(np.max(np.abs(np.log(stretch.change.zoom)))) > self._least + pressed
-        return PictureChange() if stretch.likely and beyond else None
-
-    def _has_name(self, stretch: Stretched) -> bool:
-        """Whether no organ that slides along the beam explains it: that stretches the picture down alone, and does not
-        come to rest for it.
-        """
-        across, down = np.abs(np.log(stretch.change.zoom))
-        calm = min(self._likenesses, default=0.0)
-        return bool(across > _ACROSS * down or (calm > _CALM and stretch.alike > calm - _FELL_LITTLE))
+        return stretch.change_beyond(self._least + pressed, min(self._likenesses, default=0.0))
 
     def _take_link(
         self, placed: Array32, view: View, last: View, link: Link | None, own: _Course | None, direct: bool

@@ -27,6 +27,13 @@ LEAST_STRETCH, _STRETCH_BETTER_BY = 0.035, 0.15
 _EXPLAINED = 0.4
 """Share of what is not alike that a stretch must explain to be likely. In a window of 19 by 21 mm, held, laterally
 by 4 to 6 %, .58 to .95 (seeds 1 to 6). Less voids what was shown at more breaks of the chain, more misses stretches."""
+_ACROSS, _CALM, _AS_ALIKE = 0.3, 0.85, 0.03
+"""Ratio of the stretch across to that down, below which a sliding organ may be the cause; likeness of the pictures
+before, above which nothing slid; and by how much the picture may be less alike than these once the stretch is undone.
+Over organs that breathe by 8 mm along the beam, in pictures of 32 by 21 and 26 by 13 mm, false stretches had ratios of
+0 to .1, and either left the pictures less alike by .2 and more, or came after likenesses of .3 to .8 (study,
+gesture-hold, organ-8-axial, seeds 1 to 3). A larger ratio or likeness leaves real changes of depth without a name, a
+smaller one names organs."""
 _STARTS = tuple((across, down) for across in (1.0, 0.92, 1.08) for down in (1.0, 0.92, 1.08))
 """Magnifications about which a stretch is looked for: each finds those within 8 %, so all together 16 %."""
 _TURNS_RAD = tuple(float(turn) for turn in np.deg2rad([0.0, 9.0, -9.0, 18.0, -18.0]))
@@ -63,23 +70,42 @@ class PictureChange:
 
 @dataclass(frozen=True, slots=True)
 class Stretched:
-    """The stretch that makes a picture most like what is there, and how much alike it is; plain: without it."""
+    """The stretch after which the expected picture is most like the one seen. zoom: of each axis. alike, plain:
+    likeness with it and without it.
+    """
 
-    change: PictureChange
+    zoom: tuple[float, float]
     alike: float
     plain: float
 
     @property
     def certain(self) -> bool:
-        """Whether nothing else makes it so: a shift does nearly as well where it is not."""
+        """Whether the likeness proves it: a shift alone comes nowhere near."""
         return self.alike > max(self.plain + _STRETCH_BETTER_BY, _LEAST_LIKENESS)
 
     @property
     def likely(self) -> bool:
-        """Whether it explains a good part of what is not alike. What is layered, and stretched along its layers, is
-        much alike without it.
+        """Whether it explains a good part of the unlikeness. Layers that are stretched along themselves remain much
+        alike, so that `certain` cannot tell.
         """
         return self.alike > max(self.plain + _EXPLAINED * (1 - self.plain), _LEAST_LIKENESS)
+
+    def change_beyond(self, least: float, calm: float) -> PictureChange | None:
+        """Returns the change for this stretch: unnamed where it is not certain, or an organ may be its cause; None
+        where it is not likely, or below `least`, a change of the logarithm of an axis. calm: least likeness of the
+        pictures before to one another.
+        """
+        if self.certain:
+            return PictureChange(zoom=self.zoom) if self._is_the_scanners(calm) else PictureChange()
+        beyond = float(np.max(np.abs(np.log(self.zoom)))) > least
+        return PictureChange() if self.likely and beyond else None
+
+    def _is_the_scanners(self, calm: float) -> bool:
+        """Whether no organ that slides along the beam is the cause: that stretches the picture down alone, and leaves
+        the pictures before it less alike.
+        """
+        across, down = np.abs(np.log(self.zoom))
+        return bool(across > _ACROSS * down or (calm > _CALM and self.alike > calm - _AS_ALIKE))
 
 
 def closest_stretch(
@@ -102,7 +128,7 @@ def closest_stretch(
             continue
         alike = likeness(warped(expected, found.warp), now)
         if best is None or alike > best[0]:
-            best = alike, PictureChange(zoom=(float(found.magnification[0]), float(found.magnification[1])))
+            best = alike, (float(found.magnification[0]), float(found.magnification[1]))
     return None if best is None else Stretched(best[1], best[0], likeness(expected, now))
 
 
@@ -112,7 +138,7 @@ def stretch_of(expected: Array32, now: Array32, aspect: float) -> PictureChange 
     As `closest_stretch`.
     """
     found = closest_stretch(expected, now, aspect)
-    return found.change if found is not None and found.certain else None
+    return PictureChange(zoom=found.zoom) if found is not None and found.certain else None
 
 
 def lines_turned_by(expected: Array32, now: Array32, aspect: float, *, far: bool) -> Array | None:

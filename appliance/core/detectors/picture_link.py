@@ -24,9 +24,9 @@ fewer leave too little speckle to distinguish a mirrored picture from another.
 _SHADE_PX = 5.0
 """Sigma of what counts as shade, px of the small picture: wider than its speckle. More lets a bright half match any."""
 _AROUND_PX, _BLACK = 7, 5.0
-"""Side of the neighbourhood, px of the small picture, whose mean is below so many grey levels where it is black: noise
-of ± 8 has 3 there, a wire in water 10 and more. Less takes noise beside a picture for tissue, more leaves out shadows.
-"""
+"""A px of the small picture is black where the mean of a square of this side, px, about it is below so many grey
+levels. Noise of ± 8 on black has a mean of 3 (of half a normal distribution). Less takes noise beside a picture for
+tissue, more leaves out shadows. Not varied."""
 _LEAST_GREY = 2.0
 """Standard deviation of a small picture, grey levels, from which it can be compared: noise of ± 4 on black has 1.5,
 dim tissue 5 and more."""
@@ -115,7 +115,7 @@ class Link:
 def small(image: GreyImage, mask: Bits | None = None) -> Array32:
     """(h, w) uint8 to about 160 columns, coarse enough that a zoom need not be exact, without broad shade and gain.
 
-    mask: (h, w) bool, True where tissue may be seen; what else there is becomes 0, and counts for no shade.
+    mask: (h, w) bool, True where tissue may be seen; all else, and what is black, becomes 0 and adds no shade.
     """
     share = min(1.0, SMALL_PX / image.shape[1])
     size = (max(round(image.shape[1] * share), 1), max(round(image.shape[0] * share), 1))

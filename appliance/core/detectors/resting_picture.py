@@ -55,9 +55,9 @@ _STRAINED = 0.05
 """Logarithm of an axis' magnification from which a picture is unlike the first: tissue that a breath strains goes back.
 Less voids what breathing strains, more misses a changed aspect. Not varied."""
 _LEAST_DOWN = 0.5
-"""Strain down ÷ strain across below which no tissue is strained, as it keeps its volume: a screen is. In 26 healthy
-sessions what was measured across alone, beyond a press, came to .03 at most at rest. More voids what was shown over
-tissue that slides to a side, less misses stretches that come gradually where no edge of the picture is seen."""
+"""Ratio of the strain down to that across, below which tissue is not the cause: it keeps its volume. In 26 healthy
+sessions the strain across alone, beyond a press, was .03 at most at rest. More voids what was shown over tissue that
+slides sideways, less misses gradual stretches where no edge of the picture is seen."""
 _LEAST_BETWEEN = 2
 """Pictures between the two; of fewer the chain of pictures judges."""
 

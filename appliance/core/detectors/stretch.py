@@ -21,9 +21,10 @@ _INSET_PX = 4
 """From the edge of the picture to the outer parts, so that they may move outwards: further in they show less of a
 stretch; nearer they are lost sooner, as what goes beyond the edge is found at the edge."""
 _LEAST_SEEN = 0.3
-"""Share of the row, or column, in which most is seen, from which another counts. Not varied."""
+"""A row or column counts from this share of the px seen in the fullest one. More narrows a fan to its middle, less
+keeps rows and columns that hold next to nothing. Not varied."""
 _EDGE = np.ones((3, 3), np.uint8)
-"""Neighbours of a px that must be seen as well: at the border of what is seen, what lies beyond it is mixed in."""
+"""Neighbours of a px that must be seen as well: a px at the border holds some of what lies beyond it."""
 _GRID = (5, 4)
 """Parts across and down: four and more in each direction, so that some behind text or shadow leave enough."""
 _LEAST_ALIKE = 0.4
@@ -66,8 +67,8 @@ class Lines:
 
 
 def seen_in_both(before: Array32, now: Array32) -> tuple[Array32, Array32]:
-    """Both pictures within the rows and columns of which both show something: what else there is stands still, as does
-    the edge, which is left out.
+    """Returns both pictures, cropped to the rows and columns in which both show tissue, without its border: border and
+    surroundings stand still on the screen, so that they would hide a stretch. Not cropped below two parts a side.
     """
     seen = cv2.erode(((before != 0) & (now != 0)).astype(np.uint8), _EDGE).astype(bool)
     before, now = before * seen, now * seen

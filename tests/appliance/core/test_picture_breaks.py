@@ -34,7 +34,7 @@ def pictures(session: Session) -> list[GreyImage]:
 
 
 def windowed(image: GreyImage) -> GreyImage:
-    """As a narrow array is shown: black beside the middle 24 mm, which stand still on the screen."""
+    """Returns the picture as a narrow array is shown: black on both sides of the middle three fifths."""
     shown, side = image.copy(), image.shape[1] // 5
     shown[:, :side] = shown[:, -side:] = 0
     return shown
@@ -43,8 +43,8 @@ def windowed(image: GreyImage) -> GreyImage:
 def closed_s(
     name: str, seed: int, happening: Break, screen: Callable[[GreyImage], GreyImage] | None = None
 ) -> tuple[bool, float]:
-    """Whether the contact was closed when it happened, and for how long it was later than a second after. screen: what
-    is done to each picture, before and after.
+    """Whether the contact was closed when it happened, and for how long it was later than a second after. screen: draws
+    each picture, before and after the break, onto the screen.
     """
     session = Session(name, "still", seed, ENDS_S)
     conditions = Conditions(session)
@@ -83,7 +83,7 @@ def test_so_does_one_that_is_stretched_in_a_window_without_a_fan(seed: int, zoom
 @pytest.mark.thorough
 @pytest.mark.parametrize("seed", [3, 5])
 def test_so_does_one_that_fades_into_a_stretched_one_there(seed: int) -> None:
-    """No tissue is strained to its sides alone."""
+    """Tissue keeps its volume, so that a stretch to the sides alone is the scanner's. It stayed closed to the end."""
     assert closed_s(HOLD, seed, Break(Other(zoom=(1.1, 1.0)), faded, 6), windowed) == (True, 0.0)
 
 

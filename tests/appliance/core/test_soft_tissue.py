@@ -30,7 +30,7 @@ def test_an_organ_that_slides_under_its_wall_accuses_nobody() -> None:
 
 
 def test_nor_does_one_that_slides_along_the_beam_of_a_held_probe() -> None:
-    """What it left of a picture of 0.6 s before was like a zoom by +17 %, which its parts do not show."""
+    """It was named a zoom by +17 % after 14.6 s, although the parts of the picture did not move apart."""
     assert watched("organ-8-axial", 20.0, 3, motion="gesture-hold").faults == ""
 
 
