@@ -9,6 +9,9 @@ unexport PYTHONDONTWRITEBYTECODE
 # With `exec` before it, so that SIGTERM to make reaches the program and not a shell around it.
 ONE_THREAD := env OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 
+# The folders under the name by which they are imported, for what reads the sources and does not run them.
+PACKAGE := build/package/probewatch
+
 .DEFAULT_GOAL := help
 .PHONY: help help-all setup demo test lint types contracts quick thorough invariant \
   gate-proof release-check failures live mutation pythons slow test-arm64 evidence evidence-full false-alarms coverage-page crosswire crosswire-scans test-deb test-cart soak igtl-soak onlookers repeat coverage bench paper deb docs lock vulnerabilities clean
@@ -38,11 +41,11 @@ lint: $(VENV)/dev ## ruff: style and formatting; vulture: what nothing uses
 	$(BIN)/ruff format --check .
 	$(BIN)/vulture
 
-types: $(VENV)/dev ## mypy --strict
+types: $(VENV)/dev $(PACKAGE) ## mypy --strict
 	$(BIN)/mypy
 
-contracts: $(VENV)/dev ## who may import whom
-	$(BIN)/lint-imports
+contracts: $(VENV)/dev $(PACKAGE) ## who may import whom
+	PYTHONPATH=$(dir $(PACKAGE)) $(BIN)/lint-imports
 
 quick: $(VENV)/dev ## the quick test suite alone; in CI none of its tests takes more than 4 s of a processor
 	PROBEWATCH_THIRD=$(THIRD) PROBEWATCH_MOST_CPU_S=4 $(BIN)/pytest -n 2 --durations=20 --dist worksteal -m "not thorough and not slow and not live and not cart and not deb"
@@ -78,24 +81,24 @@ pythons: $(VENV)/dev ## the quick tests on the other Pythons this machine has; 3
 slow: $(VENV)/dev ##+ the slow tests: statistics, memory over ten minutes
 	$(BIN)/pytest -m "slow and not cart" -n 2
 
-MEASURED = exec $(ONE_THREAD) $(BIN)/python -m tools.development.evidence
+MEASURED = exec $(ONE_THREAD) $(BIN)/python -m probewatch.tools.development.evidence
 WHERE = $(if $(SEEDS),--seeds $(SEEDS)) $(if $(JOBS),--jobs $(JOBS)) $(if $(SCHEDULER),--scheduler $(SCHEDULER))
 evidence: $(VENV)/dev ##+ the short study of hazards and false alarms: docs/evidence.md (for two idle processors, about ten minutes)
 	$(MEASURED) short $(WHERE)
-	$(BIN)/python -m tools.development.manual
+	$(BIN)/python -m probewatch.tools.development.manual
 
 evidence-full: $(VENV)/dev ##+ the same over 1,000 simulated hours: about 200 hours of one processor; SCHEDULER=tcp://… for a Dask cluster
 	$(MEASURED) full $(WHERE)
-	$(BIN)/python -m tools.development.manual
+	$(BIN)/python -m probewatch.tools.development.manual
 
 false-alarms: $(VENV)/dev ##+ signs and names in healthy scanning, on paths without pictures (an hour of one processor for SEEDS=2; goes on where it ended)
-	exec $(ONE_THREAD) $(BIN)/python -m tools.development.false_alarms $(if $(SEEDS),--seeds $(SEEDS)) $(if $(JOBS),--jobs $(JOBS))
-	$(BIN)/python -m tools.development.manual
+	exec $(ONE_THREAD) $(BIN)/python -m probewatch.tools.development.false_alarms $(if $(SEEDS),--seeds $(SEEDS)) $(if $(JOBS),--jobs $(JOBS))
+	$(BIN)/python -m probewatch.tools.development.manual
 
 coverage-page: $(VENV)/dev ##+ how often healthy scanning is verified: docs/coverage.md (for two idle processors, about fifteen minutes, and longer for its worlds)
 	$(MEASURED) coverage $(WHERE)
 	$(MEASURED) worlds $(WHERE)
-	$(BIN)/python -m tools.development.manual
+	$(BIN)/python -m probewatch.tools.development.manual
 
 test-deb: deb ##+ builds the packages, then looks at what is in them and runs what this machine's Python can
 	$(BIN)/pytest -n 0 -m deb -rs tests/systemd/test_deb.py
@@ -150,7 +153,7 @@ deb: $(VENV)/dev ## the Debian packages for bookworm and trixie, in dist/; SUITE
 	$(BIN)/python systemd/deb/build.py dist $(SUITES)
 
 docs: $(VENV)/dev ## write pages, tables and the unit's DeviceAllow from tables, drivers, code, tests and the last study
-	$(BIN)/python -m tools.development.manual
+	$(BIN)/python -m probewatch.tools.development.manual
 
 lock: $(VENV)/dev ##+ resolve the lock files again from pyproject.toml
 	$(BIN)/pip install --quiet uv
@@ -165,7 +168,7 @@ AUDIT := .venv-audit
 vulnerabilities: $(VENV)/bin/python ##+ pip-audit of what the package is made of; exit code 2 and "not checked" without its database
 	@[ -x $(AUDIT)/bin/pip-audit ] || { $(PYTHON) -m venv $(AUDIT) && $(AUDIT)/bin/pip install --quiet 'pip-audit>=2.7,<3'; } || \
 	  { echo "NOT CHECKED: pip-audit cannot be installed here" >&2; exit 2; }
-	$(BIN)/python -m tools.development.vulnerabilities $(AUDIT)/bin/pip-audit requirements.lock
+	$(BIN)/python -m probewatch.tools.development.vulnerabilities $(AUDIT)/bin/pip-audit requirements.lock
 
 clean: ## remove what the targets made
 	rm -rf $(VENV) $(VENV)-3.* $(AUDIT) appliance/core/registration/_compiled*.so build dist results .mypy_cache .pytest_cache .ruff_cache .hypothesis
@@ -181,6 +184,10 @@ $(VENV)/dev: requirements-dev.lock pyproject.toml $(COMPILED) | $(VENV)/bin/pyth
 	$(BIN)/pip install --quiet --require-hashes -r requirements-dev.lock
 	$(BIN)/pip install --quiet --no-deps --editable .
 	@touch $@ $(VENV)/runtime
+
+$(PACKAGE):
+	mkdir -p $@
+	ln -sfnr -t $@ appliance drivers tools tools/development/package/probewatch/__init__.py
 
 $(VENV)/bench: requirements-bench.lock $(VENV)/dev
 	$(BIN)/pip install --quiet --require-hashes -r requirements-bench.lock

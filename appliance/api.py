@@ -13,18 +13,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from appliance.core.line import Line
-from appliance.core.quality.report import Change, LineReport, report_json
-from appliance.limits import Limits
-from appliance.storage.image_to_probe import calibration_from_image_to_probe
-from appliance.supervision.timeline import Judging, Timeline
-from appliance.types import Calibration, Verdict
-from drivers.errors import RecordingError
-from drivers.printable import printable
-from drivers.recordings.replay import SLOWEST_NS
-from drivers.samples import Frame, Pose, PoseStatus, Sample, Stamp
-from drivers.trackers.plus_transform import rigid_reading
-from drivers.video.crop import LEAST_PX
+from probewatch.appliance.core.line import Line
+from probewatch.appliance.core.quality.report import Change, LineReport, report_json
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.storage.image_to_probe import calibration_from_image_to_probe
+from probewatch.appliance.supervision.timeline import Judging, Timeline
+from probewatch.appliance.types import Calibration, Verdict
+from probewatch.drivers.errors import RecordingError
+from probewatch.drivers.printable import printable
+from probewatch.drivers.recordings.replay import SLOWEST_NS
+from probewatch.drivers.samples import Frame, Pose, PoseStatus, Sample, Stamp
+from probewatch.drivers.trackers.plus_transform import rigid_reading
+from probewatch.drivers.video.crop import LEAST_PX
 
 _STAMP_ERR_NS = 500
 """Error bound, ns, of a time in seconds with six decimals, as recordings write it."""

@@ -8,8 +8,8 @@ from typing import Any, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import ErrorDetails, PydanticCustomError
 
-from drivers.errors import ConfigurationError
-from drivers.suggestion import did_you_mean, suggested
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.drivers.suggestion import did_you_mean, suggested
 
 TRACKER_STALE_MS = 500.0
 """For which a tracker may repeat one measurement where the configuration (supervisor.tracker_stale_ms) does not say.

@@ -13,8 +13,8 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.rigid import rotation_from_vector
-from drivers.samples import Frame, Matrix4, Stamp
+from probewatch.drivers.rigid import rotation_from_vector
+from probewatch.drivers.samples import Frame, Matrix4, Stamp
 
 Vector = NDArray[np.float64]
 

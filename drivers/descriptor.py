@@ -10,8 +10,8 @@ import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
-from drivers.errors import ConfigurationError
-from drivers.suggestion import did_you_mean, suggested
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.drivers.suggestion import did_you_mean, suggested
 
 
 @dataclass(frozen=True, slots=True)

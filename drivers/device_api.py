@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from types import TracebackType
 from typing import Protocol, Self, runtime_checkable
 
-from drivers.samples import Frame, MarkerBody, Pose
+from probewatch.drivers.samples import Frame, MarkerBody, Pose
 
 
 class _Device(Protocol):

@@ -6,7 +6,7 @@ They quote what devices and files say, so their words are made printable here.
 import errno
 import os
 
-from drivers.printable import LONGEST_TEXT, printable
+from probewatch.drivers.printable import LONGEST_TEXT, printable
 
 EXHAUSTED = (errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.ENOBUFS)
 """What the kernel answers where descriptors or memory have run out, which may be better a second later."""

@@ -11,11 +11,11 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
 
-from drivers.clock.host_clock import HostClock
-from drivers.descriptor import TARGETS, Driver
-from drivers.device_api import AlarmOutput, TrackerSource, VideoSource
-from drivers.errors import ConfigurationError
-from drivers.suggestion import did_you_mean, suggested
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.descriptor import TARGETS, Driver
+from probewatch.drivers.device_api import AlarmOutput, TrackerSource, VideoSource
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.drivers.suggestion import did_you_mean, suggested
 
 _CALLED = {"tracker": "a tracker", "video": "a video source", "output": "an alarm output"}
 _KINDS = tuple(_CALLED)
@@ -26,7 +26,7 @@ _HERE = Path(__file__).parent
 def drivers() -> dict[str, Driver]:
     """Scheme → descriptor of every driver, trackers first, servers of several kinds last; no driver is imported."""
     rooms = sorted(file.parent.relative_to(_HERE).parts for file in _HERE.glob("*/**/__init__.py"))
-    packages = (importlib.import_module(".".join(("drivers", *room))) for room in rooms if room[0] != "twins")
+    packages = (importlib.import_module(".".join((__package__, *room))) for room in rooms if room[0] != "twins")
     rows = [row for package in packages for row in getattr(package, "DRIVERS", ())]
     found = {row.scheme: row for row in sorted(rows, key=lambda row: (len(row.kinds), _KINDS.index(row.kinds[0])))}
     assert len(found) == len(rows), "two drivers have one scheme"

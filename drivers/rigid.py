@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.samples import Matrix4
+from probewatch.drivers.samples import Matrix4
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]

@@ -7,10 +7,10 @@ import sys
 
 import click
 
-from drivers.errors import EXHAUSTED, ConfigurationError, ProbewatchError
-from tools.shared.lazy_group import LazyGroup
-from tools.shared.plain_text import speak_plainly
-from tools.shared.terminal import guard_terminal
+from probewatch.drivers.errors import EXHAUSTED, ConfigurationError, ProbewatchError
+from probewatch.tools.shared.lazy_group import LazyGroup
+from probewatch.tools.shared.plain_text import speak_plainly
+from probewatch.tools.shared.terminal import guard_terminal
 
 _REFUSED = {
     **dict.fromkeys((errno.EACCES, errno.EPERM), "Check its permissions and those of its folder, or be its owner"),
@@ -62,7 +62,7 @@ _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 @click.group(
     cls=LazyGroup,
     names=_COMMANDS,
-    prefix="tools.commands.",
+    prefix="probewatch.tools.commands.",
     heading="Commands",
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
     short_help="watches whether a tracked ultrasound probe is still calibrated",
@@ -91,7 +91,9 @@ def main() -> None:
         click.echo(f"probewatch: {error}", err=True)
         sys.exit(error.exit_code)
     except click.ClickException as error:
-        usage_error = importlib.import_module("tools.shared.usage_error")  # what no command needs that is well typed
+        usage_error = importlib.import_module(
+            "probewatch.tools.shared.usage_error"
+        )  # what no command needs that is well typed
         usage_error.show_usage_error(error, probewatch, sys.argv[1:])
         sys.exit(error.exit_code)
     except OSError as error:

@@ -8,17 +8,17 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PrivateAttr, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 
-from appliance.configuration.mistakes import Mistakes
-from appliance.configuration.noise_file import LearnedNoise, judged_by, read_noise
-from appliance.configuration.toml_lines import key_lines, line_of
-from appliance.limits import MAX_VERIFICATION_AGE_S, NAMED_NATS, TRACKER_STALE_MS, Limits, check_name
-from appliance.supervision.annunciator import Role
-from appliance.supervision.policy import BEHIND_NS, Durations
-from appliance.supervision.watchers.device_health import Timeouts
-from drivers.errors import ConfigurationError
-from drivers.files.markup import SAVE_AS_UTF_8, NotUtf8Error, text_of, toml_of
-from drivers.files.regular_file import read_bounded
-from drivers.registry import checked_url, is_simulated, split_url
+from probewatch.appliance.configuration.mistakes import Mistakes
+from probewatch.appliance.configuration.noise_file import LearnedNoise, judged_by, read_noise
+from probewatch.appliance.configuration.toml_lines import key_lines, line_of
+from probewatch.appliance.limits import MAX_VERIFICATION_AGE_S, NAMED_NATS, TRACKER_STALE_MS, Limits, check_name
+from probewatch.appliance.supervision.annunciator import Role
+from probewatch.appliance.supervision.policy import BEHIND_NS, Durations
+from probewatch.appliance.supervision.watchers.device_health import Timeouts
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.drivers.files.markup import SAVE_AS_UTF_8, NotUtf8Error, text_of, toml_of
+from probewatch.drivers.files.regular_file import read_bounded
+from probewatch.drivers.registry import checked_url, is_simulated, split_url
 
 _MOST_BYTES = 64_000
 """The commented example has 3000."""

@@ -7,9 +7,9 @@ from typing import Any, Self, get_args
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-from appliance.configuration.toml_lines import Place, key_lines, line_of
-from drivers.errors import ConfigurationError
-from drivers.suggestion import did_you_mean, suggested
+from probewatch.appliance.configuration.toml_lines import Place, key_lines, line_of
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.drivers.suggestion import did_you_mean, suggested
 
 _IN_ONE_LINE = 8
 """Mistakes that a refusal in one line lists; `probewatch check` lists them all."""

@@ -11,12 +11,12 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError, field_validator
 
-from appliance.configuration.mistakes import Mistakes
-from appliance.limits import MOST_NAMED_NATS, NAMED_NATS, Limits
-from drivers.errors import ConfigurationError
-from drivers.files.atomic_file import writing
-from drivers.files.markup import SAVE_AS_UTF_8, NotUtf8Error, text_of, toml_of
-from drivers.files.regular_file import read_bounded
+from probewatch.appliance.configuration.mistakes import Mistakes
+from probewatch.appliance.limits import MOST_NAMED_NATS, NAMED_NATS, Limits
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.drivers.files.atomic_file import writing
+from probewatch.drivers.files.markup import SAVE_AS_UTF_8, NotUtf8Error, text_of, toml_of
+from probewatch.drivers.files.regular_file import read_bounded
 
 _MOST_BYTES = 256_000
 """A thousand recordings with their names; a cart's week has some hundred. More is read for longer at each start."""

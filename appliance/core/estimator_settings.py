@@ -2,9 +2,9 @@
 
 from dataclasses import dataclass, field
 
-from appliance.limits import Limits
-from appliance.types import Calibration
-from drivers.samples import Matrix4
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.types import Calibration
+from probewatch.drivers.samples import Matrix4
 
 
 @dataclass(frozen=True, slots=True)

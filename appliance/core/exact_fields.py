@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from appliance.core.estimator_settings import EstimatorSettings
-from appliance.limits import Limits
-from appliance.types import Calibration, Check, Fault, PointError, Rival, Verdict, VerdictKind
-from drivers.samples import Frame, Pose, PoseStatus, Stamp
+from probewatch.appliance.core.estimator_settings import EstimatorSettings
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.types import Calibration, Check, Fault, PointError, Rival, Verdict, VerdictKind
+from probewatch.drivers.samples import Frame, Pose, PoseStatus, Stamp
 
 Header = dict[str, Any]
 

@@ -6,40 +6,40 @@ Acquisition → Real-time Tracker → Motion Analyzer → AX=XB solver → Quali
 from collections import deque
 from dataclasses import replace
 
-from appliance.core.acquisition.input_validation import checked_pose, refused_picture
-from appliance.core.acquisition.pairing import Pairing, Unpaired
-from appliance.core.acquisition.stamp_gate import StampCheck, StampGate
-from appliance.core.detectors.depth_ruler import DepthRuler
-from appliance.core.detectors.detector import Detector
-from appliance.core.detectors.exchanged_probe import ExchangedProbe
-from appliance.core.detectors.fan_watch import FanWatch
-from appliance.core.detectors.frozen_tracker import FrozenTracker
-from appliance.core.detectors.frozen_video import FrozenVideo
-from appliance.core.detectors.marker_slip import MarkerSlip
-from appliance.core.detectors.no_picture import NoPicture
-from appliance.core.detectors.observation import Observation, observed
-from appliance.core.detectors.picture_chain import PictureChain
-from appliance.core.detectors.pose_convention import PoseConvention
-from appliance.core.detectors.slow_slip import SLIPS_S, SlowSlip
-from appliance.core.detectors.split_slip import SplitSlip
-from appliance.core.detectors.witness import Witness
-from appliance.core.motion import analyse, quick, wants_keyframe
-from appliance.core.path.window import PathWindow
-from appliance.core.quality.evidence import Evidence
-from appliance.core.quality.judgement import Judgement, bounded, judge
-from appliance.core.quality.point_error import Bounds
-from appliance.core.quality.proposal import propose
-from appliance.core.quality.report import LineReport
-from appliance.core.quality.solution_schedule import SolutionSchedule
-from appliance.core.quality.verification import VerificationStatus
-from appliance.core.registration.averaging import FrameAveraging
-from appliance.core.registration.pyramid import Bits
-from appliance.core.registration.realtime_tracker import RealTimeTracker, Tracked
-from appliance.core.times import MOST_APART_NS
-from appliance.limits import TRACKER_STALE_MS, Limits
-from appliance.types import Calibration, Check, Fault, Kind, Motion, StampedPair, Verdict, VerdictKind
-from drivers.rigid import Array
-from drivers.samples import Frame, Matrix4, Pose
+from probewatch.appliance.core.acquisition.input_validation import checked_pose, refused_picture
+from probewatch.appliance.core.acquisition.pairing import Pairing, Unpaired
+from probewatch.appliance.core.acquisition.stamp_gate import StampCheck, StampGate
+from probewatch.appliance.core.detectors.depth_ruler import DepthRuler
+from probewatch.appliance.core.detectors.detector import Detector
+from probewatch.appliance.core.detectors.exchanged_probe import ExchangedProbe
+from probewatch.appliance.core.detectors.fan_watch import FanWatch
+from probewatch.appliance.core.detectors.frozen_tracker import FrozenTracker
+from probewatch.appliance.core.detectors.frozen_video import FrozenVideo
+from probewatch.appliance.core.detectors.marker_slip import MarkerSlip
+from probewatch.appliance.core.detectors.no_picture import NoPicture
+from probewatch.appliance.core.detectors.observation import Observation, observed
+from probewatch.appliance.core.detectors.picture_chain import PictureChain
+from probewatch.appliance.core.detectors.pose_convention import PoseConvention
+from probewatch.appliance.core.detectors.slow_slip import SLIPS_S, SlowSlip
+from probewatch.appliance.core.detectors.split_slip import SplitSlip
+from probewatch.appliance.core.detectors.witness import Witness
+from probewatch.appliance.core.motion import analyse, quick, wants_keyframe
+from probewatch.appliance.core.path.window import PathWindow
+from probewatch.appliance.core.quality.evidence import Evidence
+from probewatch.appliance.core.quality.judgement import Judgement, bounded, judge
+from probewatch.appliance.core.quality.point_error import Bounds
+from probewatch.appliance.core.quality.proposal import propose
+from probewatch.appliance.core.quality.report import LineReport
+from probewatch.appliance.core.quality.solution_schedule import SolutionSchedule
+from probewatch.appliance.core.quality.verification import VerificationStatus
+from probewatch.appliance.core.registration.averaging import FrameAveraging
+from probewatch.appliance.core.registration.pyramid import Bits
+from probewatch.appliance.core.registration.realtime_tracker import RealTimeTracker, Tracked
+from probewatch.appliance.core.times import MOST_APART_NS
+from probewatch.appliance.limits import TRACKER_STALE_MS, Limits
+from probewatch.appliance.types import Calibration, Check, Fault, Kind, Motion, StampedPair, Verdict, VerdictKind
+from probewatch.drivers.rigid import Array
+from probewatch.drivers.samples import Frame, Matrix4, Pose
 
 REPORTS_FAULTS = (Fault.SCALE,)
 

@@ -9,10 +9,10 @@ from math import cos, sin
 
 import numpy as np
 
-from appliance.core.registration.realtime_tracker import Tracked
-from appliance.types import Calibration, Motion, MotionKind, StampedPair
-from drivers.rigid import Array, inverse, vector_from_rotation
-from drivers.samples import Matrix4
+from probewatch.appliance.core.registration.realtime_tracker import Tracked
+from probewatch.appliance.types import Calibration, Motion, MotionKind, StampedPair
+from probewatch.drivers.rigid import Array, inverse, vector_from_rotation
+from probewatch.drivers.samples import Matrix4
 
 _STILL_MM = 0.15
 _TURN_RAD = np.deg2rad(0.7)

@@ -9,8 +9,8 @@ from math import degrees
 
 import numpy as np
 
-from appliance.limits import Limits
-from appliance.types import PARAMETERS, Fault, Vector
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.types import PARAMETERS, Fault, Vector
 
 
 @dataclass(frozen=True, slots=True)

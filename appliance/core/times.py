@@ -4,7 +4,7 @@ A time that a single module knows stands there. One that follows from another is
 a change of the first changes all that is derived from it.
 """
 
-from appliance.limits import SWEPT_AGE_S
+from probewatch.appliance.limits import SWEPT_AGE_S
 
 MOST_APART_NS = 250_000_000
 """Between two poses that a picture's may lie between. More guesses where a hand went meanwhile; less loses pictures to

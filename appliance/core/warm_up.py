@@ -3,12 +3,12 @@
 import cv2
 import numpy as np
 
-from appliance.core.detectors.observation import Observation
-from appliance.core.detectors.picture_chain import PictureChain
-from appliance.core.registration.realtime_tracker import RealTimeTracker
-from appliance.limits import Limits
-from appliance.types import Calibration
-from drivers.samples import GreyImage
+from probewatch.appliance.core.detectors.observation import Observation
+from probewatch.appliance.core.detectors.picture_chain import PictureChain
+from probewatch.appliance.core.registration.realtime_tracker import RealTimeTracker
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.types import Calibration
+from probewatch.drivers.samples import GreyImage
 
 _FRAME_NS = 33_000_000
 """Between the pictures: 30 a second."""

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from appliance.crosswire.offset import ScanRefused
-from appliance.crosswire.scan import View
-from appliance.types import Calibration, Vector
+from probewatch.appliance.crosswire.offset import ScanRefused
+from probewatch.appliance.crosswire.scan import View
+from probewatch.appliance.types import Calibration, Vector
 
 LEAST_VIEWS = 3
 """From as many sides; fewer agree too easily."""

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from appliance.crosswire.scan import View
-from appliance.crosswire.whole import WholeSolution
-from appliance.types import Vector
-from drivers.rigid import nearest_rotation, rotation_from_vector, skew, vector_from_rotation
+from probewatch.appliance.crosswire.scan import View
+from probewatch.appliance.crosswire.whole import WholeSolution
+from probewatch.appliance.types import Vector
+from probewatch.drivers.rigid import nearest_rotation, rotation_from_vector, skew, vector_from_rotation
 
 TURNS = ("lean forwards and backwards", "twist left and right", "lean to the sides")
 """About the lateral, axial and elevational axis: what the hand does."""

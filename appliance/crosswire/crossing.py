@@ -17,8 +17,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from appliance.types import Vector
-from drivers.samples import GreyImage
+from probewatch.appliance.types import Vector
+from probewatch.drivers.samples import GreyImage
 
 ROUGH_SCALE_MM_PER_PX = (0.075, 0.075)
 """Scale of a picture of which nothing is known: 5 cm deep in 640 rows. It only sets how large a wire may be, and a

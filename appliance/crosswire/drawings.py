@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.samples import GreyImage
+from probewatch.drivers.samples import GreyImage
 
 _DRAWN_GREY = 30
 _DRAWN_RANGE_GREY = 16

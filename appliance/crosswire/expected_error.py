@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from appliance.types import PARAMETERS, Calibration
-from drivers.rigid import skew
+from probewatch.appliance.types import PARAMETERS, Calibration
+from probewatch.drivers.rigid import skew
 
 _EIGHT = len(PARAMETERS)
 

@@ -8,9 +8,9 @@ sigma of its own.
 
 import numpy as np
 
-from appliance.core.path.latency import Latency, far_latency
-from appliance.types import Vector
-from drivers.samples import Frame, GreyImage, Pose
+from probewatch.appliance.core.path.latency import Latency, far_latency
+from probewatch.appliance.types import Vector
+from probewatch.drivers.samples import Frame, GreyImage, Pose
 
 _BAND = 0.1
 """Share of the width, about the middle, whose columns are averaged: a line aslant by 10° blurs by a few pixels only."""

@@ -14,9 +14,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from appliance.types import Calibration, Vector
-from drivers.errors import ProbewatchError
-from drivers.samples import Matrix4
+from probewatch.appliance.types import Calibration, Vector
+from probewatch.drivers.errors import ProbewatchError
+from probewatch.drivers.samples import Matrix4
 
 _CUT_SIGMA = 5.0
 """Robust standard deviations beyond which a view is rejected. Less rejects good views, as the scale of few wavers; more

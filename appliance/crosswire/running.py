@@ -17,12 +17,12 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from appliance.core.acquisition.input_validation import ORTHOGONAL_WITHIN
-from appliance.crosswire.coverage import TURNS, Coverage, coverage
-from appliance.crosswire.offset import Demand, OffsetSolution, ScanRefused, solve_zeta
-from appliance.crosswire.scan import View
-from appliance.crosswire.whole import LEAST_VIEWS, UNOBSERVED, WholeSolution, solve_whole
-from appliance.types import PARAMETERS, Calibration, Vector
+from probewatch.appliance.core.acquisition.input_validation import ORTHOGONAL_WITHIN
+from probewatch.appliance.crosswire.coverage import TURNS, Coverage, coverage
+from probewatch.appliance.crosswire.offset import Demand, OffsetSolution, ScanRefused, solve_zeta
+from probewatch.appliance.crosswire.scan import View
+from probewatch.appliance.crosswire.whole import LEAST_VIEWS, UNOBSERVED, WholeSolution, solve_whole
+from probewatch.appliance.types import PARAMETERS, Calibration, Vector
 
 _MOVEMENTS = {
     "rotation-lateral": "bring the crossing to different depths of the picture while the handle leans to and fro",

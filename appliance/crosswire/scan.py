@@ -10,12 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from appliance.core.acquisition.pairing import Pairing
-from appliance.crosswire.crossing import ROUGH_SCALE_MM_PER_PX, Crossing, Missed, NoCrossing, find_crossing
-from appliance.crosswire.drawings import Drawings
-from appliance.types import StampedPair, Vector
-from drivers.rigid import interpolate
-from drivers.samples import Frame, Matrix4, Pose
+from probewatch.appliance.core.acquisition.pairing import Pairing
+from probewatch.appliance.crosswire.crossing import ROUGH_SCALE_MM_PER_PX, Crossing, Missed, NoCrossing, find_crossing
+from probewatch.appliance.crosswire.drawings import Drawings
+from probewatch.appliance.types import StampedPair, Vector
+from probewatch.drivers.rigid import interpolate
+from probewatch.drivers.samples import Frame, Matrix4, Pose
 
 _HALF_WINDOW_NS = 250_000_000
 """Either side of a passage that gives one view. Shorter lets noise in the width make two of one; longer loses a hand's

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from appliance.types import Calibration
+from probewatch.appliance.types import Calibration
 
 SCANNER_M_S = 1540.0
 """To which scanners are set for soft tissue."""

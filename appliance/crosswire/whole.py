@@ -17,11 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from appliance.crosswire.expected_error import expected_error_mm
-from appliance.crosswire.offset import ScanRefused
-from appliance.crosswire.scan import View
-from appliance.types import PARAMETERS, Calibration, Vector
-from drivers.rigid import nearest_rotation, rotation_from_vector, skew
+from probewatch.appliance.crosswire.expected_error import expected_error_mm
+from probewatch.appliance.crosswire.offset import ScanRefused
+from probewatch.appliance.crosswire.scan import View
+from probewatch.appliance.types import PARAMETERS, Calibration, Vector
+from probewatch.drivers.rigid import nearest_rotation, rotation_from_vector, skew
 
 _Loss = Literal["linear", "soft_l1"]
 

@@ -9,35 +9,35 @@ from threading import Thread
 from types import FrameType
 from typing import Self
 
-from appliance.configuration.config import Config
-from appliance.service.control.deadline_worker import DeadlineWorker
-from appliance.service.control.estimate_notes import EstimateNotes
-from appliance.service.control.event_log import EventLog
-from appliance.service.control.hold import Hold
-from appliance.service.control.live_configuration import LiveConfiguration
-from appliance.service.control.proposals import Proposals
-from appliance.service.control.recalibration import Recalibration
-from appliance.service.control.references import References
-from appliance.service.control.requests import Requests, ServiceActions
-from appliance.service.control.rights import Onlookers
-from appliance.service.control.server import ControlServer
-from appliance.service.control.service_status import ServiceStatus
-from appliance.service.control.status import origin_fields
-from appliance.service.control.supervision import Supervision, supervisor_after
-from appliance.service.devices.cart_devices import CartDevices, Openers
-from appliance.service.estimator.process_host import EstimatorHost
-from appliance.service.feed.process_host import FeedHost
-from appliance.service.host.host_watch import HostWatch
-from appliance.service.host.log import get_log
-from appliance.service.host.pressure import Pressure
-from appliance.service.host.recorder import Recorder
-from appliance.service.host.sleep_watch import Bounds, slept_ns
-from appliance.service.host.systemd_notify import Notifier
-from appliance.service.tick import Tick
-from appliance.storage.alarm_chain import Event
-from appliance.supervision.annunciator import Annunciator
-from appliance.supervision.supervisor import TICK_NS
-from drivers.clock.host_clock import HostClock
+from probewatch.appliance.configuration.config import Config
+from probewatch.appliance.service.control.deadline_worker import DeadlineWorker
+from probewatch.appliance.service.control.estimate_notes import EstimateNotes
+from probewatch.appliance.service.control.event_log import EventLog
+from probewatch.appliance.service.control.hold import Hold
+from probewatch.appliance.service.control.live_configuration import LiveConfiguration
+from probewatch.appliance.service.control.proposals import Proposals
+from probewatch.appliance.service.control.recalibration import Recalibration
+from probewatch.appliance.service.control.references import References
+from probewatch.appliance.service.control.requests import Requests, ServiceActions
+from probewatch.appliance.service.control.rights import Onlookers
+from probewatch.appliance.service.control.server import ControlServer
+from probewatch.appliance.service.control.service_status import ServiceStatus
+from probewatch.appliance.service.control.status import origin_fields
+from probewatch.appliance.service.control.supervision import Supervision, supervisor_after
+from probewatch.appliance.service.devices.cart_devices import CartDevices, Openers
+from probewatch.appliance.service.estimator.process_host import EstimatorHost
+from probewatch.appliance.service.feed.process_host import FeedHost
+from probewatch.appliance.service.host.host_watch import HostWatch
+from probewatch.appliance.service.host.log import get_log
+from probewatch.appliance.service.host.pressure import Pressure
+from probewatch.appliance.service.host.recorder import Recorder
+from probewatch.appliance.service.host.sleep_watch import Bounds, slept_ns
+from probewatch.appliance.service.host.systemd_notify import Notifier
+from probewatch.appliance.service.tick import Tick
+from probewatch.appliance.storage.alarm_chain import Event
+from probewatch.appliance.supervision.annunciator import Annunciator
+from probewatch.appliance.supervision.supervisor import TICK_NS
+from probewatch.drivers.clock.host_clock import HostClock
 
 SOONEST_NS = 10_000_000
 """Between two ticks, however often the estimator speaks. Longer keeps a verdict waiting, which is part of the delay of

@@ -1,25 +1,25 @@
 """One tick of the service, 20 times a second and at each report of the estimator. It never blocks."""
 
-from appliance.service.control.estimate_notes import EstimateNotes
-from appliance.service.control.event_log import EventLog
-from appliance.service.control.hold import Hold
-from appliance.service.control.live_configuration import LiveConfiguration
-from appliance.service.control.proposals import Proposals
-from appliance.service.control.references import References
-from appliance.service.control.requests import Requests
-from appliance.service.control.server import ControlServer
-from appliance.service.control.supervision import Supervision
-from appliance.service.devices.cart_devices import CartDevices
-from appliance.service.estimator.process_host import EstimatorHost
-from appliance.service.feed.process_host import FeedHost
-from appliance.service.host.host_watch import HostWatch
-from appliance.service.host.recorder import Recorder
-from appliance.service.host.systemd_notify import Notifier
-from appliance.supervision.annunciator import Annunciator
-from appliance.supervision.watchers.device_health import DeviceHealth
-from appliance.supervision.watchers.devices import watch_devices
-from appliance.types import AlarmState, Check, Verdict
-from drivers.clock.host_clock import HostClock
+from probewatch.appliance.service.control.estimate_notes import EstimateNotes
+from probewatch.appliance.service.control.event_log import EventLog
+from probewatch.appliance.service.control.hold import Hold
+from probewatch.appliance.service.control.live_configuration import LiveConfiguration
+from probewatch.appliance.service.control.proposals import Proposals
+from probewatch.appliance.service.control.references import References
+from probewatch.appliance.service.control.requests import Requests
+from probewatch.appliance.service.control.server import ControlServer
+from probewatch.appliance.service.control.supervision import Supervision
+from probewatch.appliance.service.devices.cart_devices import CartDevices
+from probewatch.appliance.service.estimator.process_host import EstimatorHost
+from probewatch.appliance.service.feed.process_host import FeedHost
+from probewatch.appliance.service.host.host_watch import HostWatch
+from probewatch.appliance.service.host.recorder import Recorder
+from probewatch.appliance.service.host.systemd_notify import Notifier
+from probewatch.appliance.supervision.annunciator import Annunciator
+from probewatch.appliance.supervision.watchers.device_health import DeviceHealth
+from probewatch.appliance.supervision.watchers.devices import watch_devices
+from probewatch.appliance.types import AlarmState, Check, Verdict
+from probewatch.drivers.clock.host_clock import HostClock
 
 
 class Tick:

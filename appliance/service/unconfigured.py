@@ -3,11 +3,11 @@
 import threading
 from pathlib import Path
 
-from appliance.configuration.config import is_configured
-from appliance.service.control.refusal import leave
-from appliance.service.host.log import get_log
-from appliance.service.host.systemd_notify import Notifier
-from drivers.errors import ConfigurationError
+from probewatch.appliance.configuration.config import is_configured
+from probewatch.appliance.service.control.refusal import leave
+from probewatch.appliance.service.host.log import get_log
+from probewatch.appliance.service.host.systemd_notify import Notifier
+from probewatch.drivers.errors import ConfigurationError
 
 _LOOK_AGAIN_S = 1.0
 _WHAT = "not configured yet"

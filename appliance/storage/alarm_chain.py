@@ -16,7 +16,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
-from appliance.types import Fault
+from probewatch.appliance.types import Fault
 
 REPORTS_FAULTS = (Fault.LOG_DAMAGED, Fault.MEMORY_DAMAGED)
 

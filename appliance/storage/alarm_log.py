@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from appliance.storage.alarm_chain import (
+from probewatch.appliance.storage.alarm_chain import (
     AFTER,
     CUT_OFF,
     GENESIS,
@@ -23,8 +23,8 @@ from appliance.storage.alarm_chain import (
     first_number,
     segments,
 )
-from appliance.storage.witnessed_log import read_witnessed_log
-from drivers.files.atomic_file import make_folder, replacing, sync_directory
+from probewatch.appliance.storage.witnessed_log import read_witnessed_log
+from probewatch.drivers.files.atomic_file import make_folder, replacing, sync_directory
 
 ENTRIES_A_SEGMENT, SEGMENTS_KEPT = 2000, 20
 """40,000 entries in all. More fills the disk of a cart and takes longer to verify at the start; fewer forgets sooner.

@@ -9,11 +9,11 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
-from appliance.core.estimator_settings import EstimatorSettings
-from appliance.limits import Limits
-from appliance.storage.black_box_fields import Begun, Gap, Item, Made, fields_of, item_of
-from drivers.errors import RecordingError
-from drivers.recordings.mcap_file import McapReader, McapWriter
+from probewatch.appliance.core.estimator_settings import EstimatorSettings
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.storage.black_box_fields import Begun, Gap, Item, Made, fields_of, item_of
+from probewatch.drivers.errors import RecordingError
+from probewatch.drivers.recordings.mcap_file import McapReader, McapWriter
 
 FORMAT = 1
 """Version of the messages; it rises where an old reader would take a file for something that it is not."""

@@ -10,8 +10,8 @@ from typing import Any
 import cv2
 import numpy as np
 
-from appliance.core.estimator_settings import EstimatorSettings
-from appliance.core.exact_fields import (
+from probewatch.appliance.core.estimator_settings import EstimatorSettings
+from probewatch.appliance.core.exact_fields import (
     integer,
     pose_fields,
     pose_of,
@@ -22,8 +22,8 @@ from appliance.core.exact_fields import (
     verdict_fields,
     verdict_of,
 )
-from appliance.types import Calibration, Verdict
-from drivers.samples import Frame, Pose
+from probewatch.appliance.types import Calibration, Verdict
+from probewatch.drivers.samples import Frame, Pose
 
 _PNG = [
     cv2.IMWRITE_PNG_COMPRESSION, 1,

@@ -11,12 +11,12 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from appliance.storage.calibration_file import ITK_BEGINS, calibration_bytes
-from appliance.storage.image_to_probe import calibration_from_image_to_probe, image_to_probe
-from appliance.types import Calibration, Vector
-from drivers.errors import ConfigurationError
-from drivers.files.markup import numbers_of
-from drivers.samples import Matrix4
+from probewatch.appliance.storage.calibration_file import ITK_BEGINS, calibration_bytes
+from probewatch.appliance.storage.image_to_probe import calibration_from_image_to_probe, image_to_probe
+from probewatch.appliance.types import Calibration, Vector
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.drivers.files.markup import numbers_of
+from probewatch.drivers.samples import Matrix4
 
 _LPS = np.diag([-1.0, -1.0, 1.0, 1.0])
 """ITK's axes (left, posterior, superior) from Slicer's (right, anterior, superior), and back."""

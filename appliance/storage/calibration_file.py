@@ -16,23 +16,23 @@ import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, StrictBool, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 
-from appliance.configuration.mistakes import Mistakes
-from appliance.core.acquisition.input_validation import ORTHOGONAL_WITHIN
-from appliance.storage.device_set_calibration import device_set_calibration
-from appliance.storage.image_to_probe import (
+from probewatch.appliance.configuration.mistakes import Mistakes
+from probewatch.appliance.core.acquisition.input_validation import ORTHOGONAL_WITHIN
+from probewatch.appliance.storage.device_set_calibration import device_set_calibration
+from probewatch.appliance.storage.image_to_probe import (
     FARTHEST_MM,
     SCALE_RANGE_MM,
     calibration_from_image_to_probe,
     check_measured,
     image_to_probe,
 )
-from appliance.types import PARAMETERS, Calibration, Vector
-from drivers.errors import ConfigurationError
-from drivers.files.atomic_file import check_kind, writing
-from drivers.files.markup import SAVE_AS_UTF_8, NotUtf8Error, text_of, toml_of
-from drivers.files.regular_file import read_bounded, reading
-from drivers.recordings.foreign import HEAD_BYTES, are_matrix, kind_of
-from drivers.rigid import nearest_rotation
+from probewatch.appliance.types import PARAMETERS, Calibration, Vector
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.drivers.files.atomic_file import check_kind, writing
+from probewatch.drivers.files.markup import SAVE_AS_UTF_8, NotUtf8Error, text_of, toml_of
+from probewatch.drivers.files.regular_file import read_bounded, reading
+from probewatch.drivers.recordings.foreign import HEAD_BYTES, are_matrix, kind_of
+from probewatch.drivers.rigid import nearest_rotation
 
 FORMAT = "probewatch-calibration"
 VERSION = 1

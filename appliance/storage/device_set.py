@@ -7,9 +7,9 @@ sends over OpenIGTLink, and a cart that reads the devices by its own drivers nee
 from collections.abc import Iterator
 from xml.etree import ElementTree as ET
 
-from appliance.storage.calibration_file import is_device_set
-from drivers.files.markup import number_of, xml_of
-from drivers.printable import printable
+from probewatch.appliance.storage.calibration_file import is_device_set
+from probewatch.drivers.files.markup import number_of, xml_of
+from probewatch.drivers.printable import printable
 
 _LEAST_OFFSET_S = 0.0005
 """An offset that is worth a word: half of the last digit of latency_ms as a person gives it. Less is PLUS's 0."""

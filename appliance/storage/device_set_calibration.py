@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
-from appliance.storage.image_to_probe import calibration_from_image_to_probe
-from appliance.types import Calibration
-from drivers.errors import ConfigurationError
-from drivers.files.markup import SAVE_AS_UTF_8, NotUtf8Error, numbers_of, xml_of
-from drivers.samples import Matrix4
+from probewatch.appliance.storage.image_to_probe import calibration_from_image_to_probe
+from probewatch.appliance.types import Calibration
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.drivers.files.markup import SAVE_AS_UTF_8, NotUtf8Error, numbers_of, xml_of
+from probewatch.drivers.samples import Matrix4
 
 _Named = tuple[str, str, str]
 """From, To and Matrix of a transform."""

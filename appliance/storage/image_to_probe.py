@@ -6,9 +6,9 @@ X⁻¹ · diag(s_x λ_x, s_y λ_y, 1) · (shift of the origin from the picture's
 
 import numpy as np
 
-from appliance.types import Calibration, Vector
-from drivers.errors import ConfigurationError
-from drivers.samples import Matrix4
+from probewatch.appliance.types import Calibration, Vector
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.drivers.samples import Matrix4
 
 _UNIT_WITHIN = 1e-6
 """mm/px from 1 within which both scales were typed, not measured: calibrations keep six digits and more."""

@@ -5,12 +5,12 @@ from pathlib import Path
 
 import numpy as np
 
-from appliance.configuration.config import CalibrationPlace, Config
-from appliance.storage.calibration_file import calibration_bytes, is_device_set, parse_calibration
-from appliance.storage.reference_store import Entry, content_of, read_history, sha256_of
-from appliance.types import Calibration
-from drivers.errors import ConfigurationError
-from drivers.samples import Matrix4
+from probewatch.appliance.configuration.config import CalibrationPlace, Config
+from probewatch.appliance.storage.calibration_file import calibration_bytes, is_device_set, parse_calibration
+from probewatch.appliance.storage.reference_store import Entry, content_of, read_history, sha256_of
+from probewatch.appliance.types import Calibration
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.drivers.samples import Matrix4
 
 Size = tuple[int, int]
 

@@ -14,8 +14,8 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, date, datetime, timedelta
 
-from appliance.storage.calibration_file import provenance_of
-from appliance.storage.reference_store import Entry
+from probewatch.appliance.storage.calibration_file import provenance_of
+from probewatch.appliance.storage.reference_store import Entry
 
 _CLOCK_WITHIN = timedelta(days=1)
 """By which a clock that was put right may go back behind the day of the reference. More lets a wrong clock hide a date

@@ -15,10 +15,10 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from appliance.storage.alarm_chain import digest_of
-from appliance.storage.calibration_file import is_device_set
-from drivers.errors import ConfigurationError
-from drivers.files.atomic_file import make_folder, replacing, sync_directory
+from probewatch.appliance.storage.alarm_chain import digest_of
+from probewatch.appliance.storage.calibration_file import is_device_set
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.drivers.files.atomic_file import make_folder, replacing, sync_directory
 
 FOLDER, HISTORY = "references", "history.json"
 CONFIGURED, RECALIBRATED = "configuration", "recalibration"

@@ -10,11 +10,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from appliance.storage.alarm_chain import Damage, Entry, Event, Reading, read_log
-from appliance.storage.reference_store import FOLDER, HISTORY, read_history
-from appliance.storage.reference_store import Entry as Stored
-from appliance.types import Fault
-from drivers.errors import ConfigurationError
+from probewatch.appliance.storage.alarm_chain import Damage, Entry, Event, Reading, read_log
+from probewatch.appliance.storage.reference_store import FOLDER, HISTORY, read_history
+from probewatch.appliance.storage.reference_store import Entry as Stored
+from probewatch.appliance.types import Fault
+from probewatch.drivers.errors import ConfigurationError
 
 REPORTS_FAULTS = (Fault.LOG_DAMAGED,)
 

@@ -7,9 +7,9 @@ In the style of IEC 60601-1-8: high priority red, flashing at 1.4 … 2.8 Hz, bu
 from dataclasses import dataclass
 from enum import Enum
 
-from appliance.supervision.faults import FAULT_ROWS
-from appliance.supervision.languages import translated
-from appliance.types import Fault, State
+from probewatch.appliance.supervision.faults import FAULT_ROWS
+from probewatch.appliance.supervision.languages import translated
+from probewatch.appliance.types import Fault, State
 
 DISPLAY_COLUMNS = 76
 """The narrowest display: a framed line of a terminal with 80 columns, one for what is wrong and one for what to do."""

@@ -7,9 +7,9 @@ it is dark or silent only while it is driven; a dead cart lights red, yellow and
 from dataclasses import dataclass
 from enum import Enum
 
-from appliance.supervision.alarms import SIGNALS, Lamp
-from appliance.supervision.audio import Audio, Sound
-from appliance.types import AlarmState
+from probewatch.appliance.supervision.alarms import SIGNALS, Lamp
+from probewatch.appliance.supervision.audio import Audio, Sound
+from probewatch.appliance.types import AlarmState
 
 LAMP_TEST_NS = 5_000_000_000
 """Time for one person to look at every lamp and to hear the longest burst, 3.25 s, to its end."""

@@ -7,9 +7,9 @@ one comes; an alarm switched off or acknowledged, or paused again and again, rem
 from dataclasses import dataclass
 from enum import Enum
 
-from appliance.supervision.alarms import SIGNALS, Priority
-from appliance.supervision.faults import FAULT_ROWS
-from appliance.types import AlarmState, Fault, State
+from probewatch.appliance.supervision.alarms import SIGNALS, Priority
+from probewatch.appliance.supervision.faults import FAULT_ROWS
+from probewatch.appliance.types import AlarmState, Fault, State
 
 LONGEST_PAUSE_NS = 120_000_000_000
 """Longer, a room would forget that it silenced the alarm; shorter, it would switch the sound off instead."""

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from appliance.types import Fault
+from probewatch.appliance.types import Fault
 
 
 @dataclass(slots=True)

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 
-from appliance.supervision.policy import Policy
+from probewatch.appliance.supervision.policy import Policy
 
 
 class Device(StrEnum):

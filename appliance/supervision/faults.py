@@ -6,8 +6,8 @@ Its member of `Fault` gives its word and kind, as the line knows no texts; detec
 
 from collections.abc import Mapping
 
-from appliance.supervision.fault_row import Device, FaultRow, Texts
-from appliance.supervision.policy import (
+from probewatch.appliance.supervision.fault_row import Device, FaultRow, Texts
+from probewatch.appliance.supervision.policy import (
     ADVISORY,
     DAMAGED,
     DEVICE,
@@ -20,7 +20,7 @@ from appliance.supervision.policy import (
     SILENT,
     UNSEEN,
 )
-from appliance.types import Fault
+from probewatch.appliance.types import Fault
 
 _RECOVER, _RECOVER_DE = (
     "Scan: if it verifies, the tracker moved; else clamp, 'calibration recover'",

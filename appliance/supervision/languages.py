@@ -8,7 +8,7 @@ one of them is unknown: half a sentence in each language is worse than either.
 import re
 from collections.abc import Mapping
 
-from appliance.supervision.faults import FAULT_ROWS
+from probewatch.appliance.supervision.faults import FAULT_ROWS
 
 GERMAN = {text: german for row in FAULT_ROWS.values() for text, german in row.translations().items()} | {
     "Self-test": "Selbsttest",

@@ -1,10 +1,10 @@
 """What the supervisor remembers between ticks, and the guards of its table. Pure: time is an argument."""
 
-from appliance.supervision.alarms import HAZARDS, SILENCES
-from appliance.supervision.condition import Condition
-from appliance.supervision.faults import FAULT_ROWS
-from appliance.supervision.policy import CAUGHT_UP_NS, PLAIN, Durations, Policy, Step
-from appliance.types import Check, Fault, Kind, State, Verdict, VerdictKind
+from probewatch.appliance.supervision.alarms import HAZARDS, SILENCES
+from probewatch.appliance.supervision.condition import Condition
+from probewatch.appliance.supervision.faults import FAULT_ROWS
+from probewatch.appliance.supervision.policy import CAUGHT_UP_NS, PLAIN, Durations, Policy, Step
+from probewatch.appliance.types import Check, Fault, Kind, State, Verdict, VerdictKind
 
 
 class Ledger:

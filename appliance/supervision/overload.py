@@ -6,7 +6,7 @@ It explains; it decides nothing: the contact, the states and their names are the
 from dataclasses import dataclass
 from math import exp, isnan, nan
 
-from appliance.types import Check, Fault, VerdictKind
+from probewatch.appliance.types import Check, Fault, VerdictKind
 
 REPORTS_FAULTS = (Fault.OVERLOADED,)
 

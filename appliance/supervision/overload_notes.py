@@ -6,8 +6,8 @@ from collections import Counter
 from dataclasses import dataclass
 from typing import Any
 
-from appliance.supervision.alarms import SILENCES
-from appliance.types import AlarmState, Fault
+from probewatch.appliance.supervision.alarms import SILENCES
+from probewatch.appliance.types import AlarmState, Fault
 
 
 @dataclass(slots=True)

@@ -10,8 +10,8 @@ picture (ζ). What motion recovers, and what is mended at the scanner or the tra
 from dataclasses import dataclass
 from enum import Enum
 
-from appliance.limits import MAX_VERIFICATION_AGE_S
-from appliance.types import State
+from probewatch.appliance.limits import MAX_VERIFICATION_AGE_S
+from probewatch.appliance.types import State
 
 BEHIND_NS = 1_000_000_000
 """Longer keeps the contact closed on times that stand still, or go too slowly, and find everything young for ever:

@@ -21,11 +21,19 @@ from enum import Enum
 
 import statemachine
 
-from appliance.supervision.alarms import ACKNOWLEDGED, BEHIND, DISTURBED, HAZARDS, NOT_NOW, OUTDATED, operator_text
-from appliance.supervision.condition import Condition
-from appliance.supervision.ledger import Ledger
-from appliance.supervision.policy import Durations
-from appliance.types import AlarmState, Check, Fault, State, Verdict, VerdictKind
+from probewatch.appliance.supervision.alarms import (
+    ACKNOWLEDGED,
+    BEHIND,
+    DISTURBED,
+    HAZARDS,
+    NOT_NOW,
+    OUTDATED,
+    operator_text,
+)
+from probewatch.appliance.supervision.condition import Condition
+from probewatch.appliance.supervision.ledger import Ledger
+from probewatch.appliance.supervision.policy import Durations
+from probewatch.appliance.types import AlarmState, Check, Fault, State, Verdict, VerdictKind
 
 __all__ = ["Durations", "Inputs", "Request", "Supervisor"]
 

@@ -5,13 +5,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from appliance.core.quality.report import Change, LineReport
-from appliance.limits import Limits
-from appliance.supervision.supervisor import TICK_NS, Durations, Inputs, Supervisor
-from appliance.supervision.watchers.device_health import DeviceHealth, Timeouts
-from appliance.supervision.watchers.devices import watch_devices
-from appliance.types import AlarmState, Check, Verdict, VerdictKind
-from drivers.samples import Frame, Sample
+from probewatch.appliance.core.quality.report import Change, LineReport
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.supervision.supervisor import TICK_NS, Durations, Inputs, Supervisor
+from probewatch.appliance.supervision.watchers.device_health import DeviceHealth, Timeouts
+from probewatch.appliance.supervision.watchers.devices import watch_devices
+from probewatch.appliance.types import AlarmState, Check, Verdict, VerdictKind
+from probewatch.drivers.samples import Frame, Sample
 
 _LONGEST_GAP, _SHORT_GAP = 900_000_000_000 // TICK_NS, 10_000_000_000 // TICK_NS
 """Ticks without a sample. Beyond the first nothing changes any more, as no duration that a configuration may name is

@@ -3,8 +3,8 @@
 import statistics
 from collections.abc import Sequence
 
-from drivers.clock.device_clock import DeviceClock
-from drivers.samples import Stamp
+from probewatch.drivers.clock.device_clock import DeviceClock
+from probewatch.drivers.samples import Stamp
 
 COUNTS = 1 << 32
 """Values of a frame counter, by NDI's Combined API: at 60 Hz it wraps after 828 days."""

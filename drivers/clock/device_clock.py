@@ -17,8 +17,8 @@ from collections import deque
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
-from drivers.clock.lower_hull import Reading, lower_hull
-from drivers.samples import Stamp
+from probewatch.drivers.clock.lower_hull import Reading, lower_hull
+from probewatch.drivers.samples import Stamp
 
 # Where figures stand below, this constant alone was changed, on session() and markov_session() of
 # tests/drivers/clock/test_counter_clock.py (seeds 0 to 2, 60 Hz, delays of 16 ms mean with bursts to 70 ms),

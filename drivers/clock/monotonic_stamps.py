@@ -1,6 +1,6 @@
 """The order of one source's stamps."""
 
-from drivers.samples import Stamp
+from probewatch.drivers.samples import Stamp
 
 
 class MonotonicStamps:

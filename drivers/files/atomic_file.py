@@ -10,8 +10,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
-from drivers.errors import ConfigurationError
-from drivers.files.regular_file import refuse_irregular
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.drivers.files.regular_file import refuse_irregular
 
 PAGE_BEGINS = b"<!doctype html>"
 """Beginning of every page that a command writes, for `check_replaceable`."""

@@ -15,12 +15,12 @@ from enum import Enum
 from pathlib import Path
 from typing import TextIO
 
-from drivers.clock.host_clock import HostClock
-from drivers.closable import Closable
-from drivers.errors import ConfigurationError, RecordingError
-from drivers.files.markup import SAVE_AS_UTF_8, NotUtf8Error, text_of
-from drivers.files.regular_file import open_regular, reading, refuse_irregular
-from drivers.printable import LONGEST_TEXT, printable
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.closable import Closable
+from probewatch.drivers.errors import ConfigurationError, RecordingError
+from probewatch.drivers.files.markup import SAVE_AS_UTF_8, NotUtf8Error, text_of
+from probewatch.drivers.files.regular_file import open_regular, reading, refuse_irregular
+from probewatch.drivers.printable import LONGEST_TEXT, printable
 
 HEADING = "# probewatch byte log 1"
 LIMIT_BYTES = 64 << 20

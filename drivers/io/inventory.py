@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from drivers.descriptor import GPIO_CHIP, SERIAL_PORT, VIDEO_NODE, Target
-from drivers.printable import printable_bytes
+from probewatch.drivers.descriptor import GPIO_CHIP, SERIAL_PORT, VIDEO_NODE, Target
+from probewatch.drivers.printable import printable_bytes
 
 ROOT = Path("/")
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import serial
 
-from drivers.errors import DeviceLost
+from probewatch.drivers.errors import DeviceLost
 
 BITS_PER_BYTE = 10
 """On the line, 8N1: a start bit, eight of data, a stop bit."""

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import serial
 
-from drivers.errors import DeviceLost
-from drivers.io.serial_port import drain, open_serial
+from probewatch.drivers.errors import DeviceLost
+from probewatch.drivers.io.serial_port import drain, open_serial
 
 _open: dict[str, "SharedPort"] = {}
 _gates: dict[str, threading.Lock] = {}

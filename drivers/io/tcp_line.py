@@ -6,7 +6,7 @@ import struct
 import threading
 import time
 
-from drivers.errors import ConfigurationError, DeviceLost
+from probewatch.drivers.errors import ConfigurationError, DeviceLost
 
 _ADDRESS = re.compile(r"(\[[0-9A-Fa-f:.]+\]|[^\[\]:/\s]+)(?::([0-9]{1,5}))?")
 _REFUSED = "Check that the device's server is running and that the port is right"

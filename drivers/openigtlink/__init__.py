@@ -6,15 +6,15 @@ What it says of itself, DRIVERS, is read without importing it (drivers/descripto
 
 from dataclasses import replace
 
-from drivers.descriptor import HOST, Driver, Option, Twin
-from drivers.trackers.staleness import DEADLINE, LATENCY
-from drivers.video.crop import CROP, ORIENTATION
+from probewatch.drivers.descriptor import HOST, Driver, Option, Twin
+from probewatch.drivers.trackers.staleness import DEADLINE, LATENCY
+from probewatch.drivers.video.crop import CROP, ORIENTATION
 
 _TOOL = "TOOL|TRANSFORM"
 
 IGTL = Driver(
     "igtl",
-    "drivers.openigtlink.source",
+    "probewatch.drivers.openigtlink.source",
     "whatever PLUS or another OpenIGTLink server drives",
     "TCP, OpenIGTLink",
     {"tracker": "igtl://host:18944?probe=Probe", "video": "igtl://host:18944?image=Image"},

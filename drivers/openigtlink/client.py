@@ -3,12 +3,12 @@
 import socket
 from collections.abc import Callable
 
-from drivers.clock.host_clock import HostClock
-from drivers.errors import DeviceLost, ProtocolError
-from drivers.io.tcp_line import SEND_S, connect_tcp, round_trip_ns
-from drivers.openigtlink.message import Header, Message, encode
-from drivers.openigtlink.stream import Arrived, MessageStream
-from drivers.printable import printable
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.errors import DeviceLost, ProtocolError
+from probewatch.drivers.io.tcp_line import SEND_S, connect_tcp, round_trip_ns
+from probewatch.drivers.openigtlink.message import Header, Message, encode
+from probewatch.drivers.openigtlink.stream import Arrived, MessageStream
+from probewatch.drivers.printable import printable
 
 SERVER_REMEDY = "Check that the OpenIGTLink server runs and sends"
 

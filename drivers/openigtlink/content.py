@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from drivers.errors import ProtocolError
-from drivers.openigtlink.message import UTF_8, fixed, name_of
-from drivers.samples import Matrix4
+from probewatch.drivers.errors import ProtocolError
+from probewatch.drivers.openigtlink.message import UTF_8, fixed, name_of
+from probewatch.drivers.samples import Matrix4
 
 _MATRIX = struct.Struct(">12f")
 _TRACKED = struct.Struct(">20sBx12f")

@@ -6,8 +6,8 @@ from collections import deque
 
 import numpy as np
 
-from drivers.samples import Matrix4
-from drivers.trackers.staleness import FROZEN_READINGS, SLOWEST_PERIOD_NS, STALE_PERIODS
+from probewatch.drivers.samples import Matrix4
+from probewatch.drivers.trackers.staleness import FROZEN_READINGS, SLOWEST_PERIOD_NS, STALE_PERIODS
 
 _LEAST_WAIT_NS = 60_000_000
 """Without a new transform before the pose is missing, however fast the tracker is: servers hand measurements on in

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drivers.errors import ProtocolError
-from drivers.samples import GreyImage
-from drivers.video.grey import CHANNELS, grey_of
+from probewatch.drivers.errors import ProtocolError
+from probewatch.drivers.samples import GreyImage
+from probewatch.drivers.video.grey import CHANNELS, grey_of
 
 _LAYOUT = struct.Struct(">HBBBB3H12f3H3H")
 _SCALARS = {2: "i1", 3: "u1", 4: "i2", 5: "u2", 6: "i4", 7: "u4", 10: "f4", 11: "f8"}

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 
 from fastcrc import crc64
 
-from drivers.errors import ProtocolError
-from drivers.printable import printable
+from probewatch.drivers.errors import ProtocolError
+from probewatch.drivers.printable import printable
 
 HEADER_BYTES = 58
 """Length of every message's header, by the specification."""

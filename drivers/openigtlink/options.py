@@ -4,13 +4,13 @@ import math
 import re
 from dataclasses import dataclass
 
-from drivers.descriptor import Given
-from drivers.errors import ConfigurationError
-from drivers.io.tcp_line import parse_address
-from drivers.openigtlink import IGTL
-from drivers.openigtlink.image import Levels
-from drivers.trackers.staleness import DEADLINE_MS
-from drivers.video.crop import Cut, cut_from
+from probewatch.drivers.descriptor import Given
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.drivers.io.tcp_line import parse_address
+from probewatch.drivers.openigtlink import IGTL
+from probewatch.drivers.openigtlink.image import Levels
+from probewatch.drivers.trackers.staleness import DEADLINE_MS
+from probewatch.drivers.video.crop import Cut, cut_from
 
 PORT = 18944
 """TCP port of OpenIGTLink, by its specification."""

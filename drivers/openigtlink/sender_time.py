@@ -5,10 +5,10 @@ arrival either, so the bound grows by whichever is less: where messages come qui
 nothing.
 """
 
-from drivers.clock.device_clock import DeviceClock
-from drivers.clock.monotonic_stamps import MonotonicStamps
-from drivers.clock.ticks import Ticks
-from drivers.samples import Stamp
+from probewatch.drivers.clock.device_clock import DeviceClock
+from probewatch.drivers.clock.monotonic_stamps import MonotonicStamps
+from probewatch.drivers.clock.ticks import Ticks
+from probewatch.drivers.samples import Stamp
 
 _UNTIMED_ERR_NS = 100_000_000
 """Bound of the stamp of a message without a time, which is that of its arrival: what `opencv:` states of pictures, and

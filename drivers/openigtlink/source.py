@@ -4,10 +4,10 @@ server, such as PLUS. One URL may name both; each source has a connection of its
 Its options are the rows of IGTL, in the `__init__.py` of this folder.
 """
 
-from drivers.clock.host_clock import HostClock
-from drivers.openigtlink.options import IgtlOptions, parse_target
-from drivers.openigtlink.tracker import IgtlTracker
-from drivers.openigtlink.video import IgtlVideo
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.openigtlink.options import IgtlOptions, parse_target
+from probewatch.drivers.openigtlink.tracker import IgtlTracker
+from probewatch.drivers.openigtlink.video import IgtlVideo
 
 
 def open_video(target: str, options: dict[str, str], clock: HostClock) -> IgtlVideo:

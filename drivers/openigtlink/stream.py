@@ -4,8 +4,8 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from drivers.errors import ProtocolError
-from drivers.openigtlink.message import HEADER_BYTES, Header, Message, decode_body, parse_header
+from probewatch.drivers.errors import ProtocolError
+from probewatch.drivers.openigtlink.message import HEADER_BYTES, Header, Message, decode_body, parse_header
 
 
 @dataclass(frozen=True, slots=True)

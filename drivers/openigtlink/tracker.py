@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drivers.clock.host_clock import HostClock
-from drivers.closable import Closable
-from drivers.device_api import Description
-from drivers.errors import ProtocolError
-from drivers.openigtlink.client import FOLLOW_REMEDY, IgtlClient
-from drivers.openigtlink.content import (
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.closable import Closable
+from probewatch.drivers.device_api import Description
+from probewatch.drivers.errors import ProtocolError
+from probewatch.drivers.openigtlink.client import FOLLOW_REMEDY, IgtlClient
+from probewatch.drivers.openigtlink.content import (
     CODES,
     OK,
     UNKNOWN_INSTRUCTION,
@@ -23,18 +23,18 @@ from drivers.openigtlink.content import (
     parse_transform,
     parse_turned_tools,
 )
-from drivers.openigtlink.freshness import Freshness
-from drivers.openigtlink.message import Header, Message
-from drivers.openigtlink.options import IgtlOptions
-from drivers.openigtlink.sender_time import SenderTime
-from drivers.openigtlink.stream import Arrived
-from drivers.printable import printable
-from drivers.rigid import pose_matrix, seen_from
-from drivers.samples import Matrix4, Pose, PoseStatus, Stamp
-from drivers.trackers.plus_transform import GOOD, TransformReading, rigid_reading, without_matrix
-from drivers.trackers.pose_bounds import UNIT_TOLERANCE
-from drivers.trackers.reference_place import ReferencePlace
-from drivers.trackers.witness import WitnessSight
+from probewatch.drivers.openigtlink.freshness import Freshness
+from probewatch.drivers.openigtlink.message import Header, Message
+from probewatch.drivers.openigtlink.options import IgtlOptions
+from probewatch.drivers.openigtlink.sender_time import SenderTime
+from probewatch.drivers.openigtlink.stream import Arrived
+from probewatch.drivers.printable import printable
+from probewatch.drivers.rigid import pose_matrix, seen_from
+from probewatch.drivers.samples import Matrix4, Pose, PoseStatus, Stamp
+from probewatch.drivers.trackers.plus_transform import GOOD, TransformReading, rigid_reading, without_matrix
+from probewatch.drivers.trackers.pose_bounds import UNIT_TOLERANCE
+from probewatch.drivers.trackers.reference_place import ReferencePlace
+from probewatch.drivers.trackers.witness import WitnessSight
 
 _APART_NS = 5_000_000
 """Between the times of probe and reference that make one pose. Tools of one measurement share a time; a server that

@@ -1,18 +1,18 @@
 """Pictures of an OpenIGTLink server: IMAGE, made grey, cut out and turned."""
 
-from drivers.clock.host_clock import HostClock
-from drivers.closable import Closable
-from drivers.device_api import Description
-from drivers.errors import ProtocolError
-from drivers.openigtlink.client import FOLLOW_REMEDY, IgtlClient
-from drivers.openigtlink.image import grey_picture, parse_image
-from drivers.openigtlink.message import Header
-from drivers.openigtlink.options import IgtlOptions
-from drivers.openigtlink.sender_time import SenderTime
-from drivers.openigtlink.stream import Arrived
-from drivers.printable import printable
-from drivers.samples import Frame
-from drivers.video.crop import LEAST_PX
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.closable import Closable
+from probewatch.drivers.device_api import Description
+from probewatch.drivers.errors import ProtocolError
+from probewatch.drivers.openigtlink.client import FOLLOW_REMEDY, IgtlClient
+from probewatch.drivers.openigtlink.image import grey_picture, parse_image
+from probewatch.drivers.openigtlink.message import Header
+from probewatch.drivers.openigtlink.options import IgtlOptions
+from probewatch.drivers.openigtlink.sender_time import SenderTime
+from probewatch.drivers.openigtlink.stream import Arrived
+from probewatch.drivers.printable import printable
+from probewatch.drivers.samples import Frame
+from probewatch.drivers.video.crop import LEAST_PX
 
 _NAME_IT = "Name one of its IMAGEs by image= in the URL"
 _SEND_IT = "Have the server send its pictures as IMAGE, which is the only kind that is read"

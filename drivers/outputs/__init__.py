@@ -3,8 +3,8 @@
 What each says of itself, DRIVERS, is read without importing it (drivers/descriptor.py).
 """
 
-from drivers.descriptor import GPIO_CHIP, SERIAL_PORT, SOUND_CARD, Contact, Driver, Option, Twin
-from drivers.outputs.heartbeat import CLICKS, HEARTBEAT
+from probewatch.drivers.descriptor import GPIO_CHIP, SERIAL_PORT, SOUND_CARD, Contact, Driver, Option, Twin
+from probewatch.drivers.outputs.heartbeat import CLICKS, HEARTBEAT
 
 _WATCHDOG = "hardware watchdog, or `heartbeat=`"
 _PITCHES_HZ = (150, 1000)
@@ -16,7 +16,7 @@ _LEVEL = Option("active", "the level that energises", "high", words=("high", "lo
 
 RELAY = Driver(
     "relay",
-    "drivers.outputs.relay",
+    "probewatch.drivers.outputs.relay",
     "LCUS-type relay boards",
     "serial, 9600 baud",
     {"output": "relay:/dev/ttyUSB1"},
@@ -40,7 +40,7 @@ RELAY = Driver(
 )
 GPIO = Driver(
     "gpio",
-    "drivers.outputs.gpio",
+    "probewatch.drivers.outputs.gpio",
     "relays on a GPIO line",
     "kernel's GPIO chips",
     {"output": "gpio:/dev/gpiochip0?line=17"},
@@ -61,7 +61,7 @@ GPIO = Driver(
 )
 SERIALPIN = Driver(
     "serialpin",
-    "drivers.outputs.serialpin",
+    "probewatch.drivers.outputs.serialpin",
     "relays on a control line of a serial port",
     "serial",
     {"output": "serialpin:/dev/ttyUSB1?pin=rts"},
@@ -86,7 +86,7 @@ SERIALPIN = Driver(
 )
 TONE = Driver(
     "tone",
-    "drivers.outputs.tone",
+    "probewatch.drivers.outputs.tone",
     "sound cards",
     "ALSA, through `aplay`",
     {"output": "tone:default"},

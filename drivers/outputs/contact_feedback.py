@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from drivers.clock.host_clock import HostClock
+from probewatch.drivers.clock.host_clock import HostClock
 
 _FOLLOWS_S = 0.1
 """What a contact may take. Mechanical relays switch within some 15 ms; more delays word of a welded one, less loses a

@@ -14,14 +14,14 @@ from pathlib import Path
 import gpiod
 from gpiod.line import Direction, Value
 
-from drivers.clock.host_clock import HostClock
-from drivers.closable import Closable
-from drivers.device_api import Description
-from drivers.errors import ConfigurationError, DeviceLost
-from drivers.outputs import GPIO
-from drivers.outputs.contact_feedback import follows
-from drivers.outputs.heartbeat import Heartbeat, heartbeat_from
-from drivers.printable import printable
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.closable import Closable
+from probewatch.drivers.device_api import Description
+from probewatch.drivers.errors import ConfigurationError, DeviceLost
+from probewatch.drivers.outputs import GPIO
+from probewatch.drivers.outputs.contact_feedback import follows
+from probewatch.drivers.outputs.heartbeat import Heartbeat, heartbeat_from
+from probewatch.drivers.printable import printable
 
 _CONSUMER = "probewatch"
 

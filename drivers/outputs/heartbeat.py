@@ -6,7 +6,7 @@ still, at whichever level, and the watchdog relay opens. It needs no timer of it
 
 from dataclasses import dataclass, replace
 
-from drivers.descriptor import Given, Option
+from probewatch.drivers.descriptor import Given, Option
 
 _TICK_SLACK_NS = 25_000_000
 """Half a tick: a write that comes this little too early still turns the wave."""

@@ -18,14 +18,14 @@ import re
 from collections.abc import Callable
 from contextlib import suppress
 
-from drivers.clock.host_clock import HostClock
-from drivers.closable import Closable
-from drivers.device_api import Description
-from drivers.errors import DeviceLost
-from drivers.io.serial_port import BITS_PER_BYTE
-from drivers.io.shared_port import shared_port
-from drivers.outputs import RELAY
-from drivers.outputs.heartbeat import Heartbeat, heartbeat_from
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.closable import Closable
+from probewatch.drivers.device_api import Description
+from probewatch.drivers.errors import DeviceLost
+from probewatch.drivers.io.serial_port import BITS_PER_BYTE
+from probewatch.drivers.io.shared_port import shared_port
+from probewatch.drivers.outputs import RELAY
+from probewatch.drivers.outputs.heartbeat import Heartbeat, heartbeat_from
 
 BAUD = 9600
 STATUS_QUERY = b"\xff"

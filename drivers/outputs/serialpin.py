@@ -13,14 +13,14 @@ from contextlib import suppress
 
 import serial
 
-from drivers.clock.host_clock import HostClock
-from drivers.closable import Closable
-from drivers.device_api import Description
-from drivers.errors import DeviceLost
-from drivers.io.serial_port import open_serial
-from drivers.outputs import SERIALPIN
-from drivers.outputs.contact_feedback import follows
-from drivers.outputs.heartbeat import Heartbeat, heartbeat_from
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.closable import Closable
+from probewatch.drivers.device_api import Description
+from probewatch.drivers.errors import DeviceLost
+from probewatch.drivers.io.serial_port import open_serial
+from probewatch.drivers.outputs import SERIALPIN
+from probewatch.drivers.outputs.contact_feedback import follows
+from probewatch.drivers.outputs.heartbeat import Heartbeat, heartbeat_from
 
 _SENSES = {"cts": "cts", "dsr": "dsr", "dcd": "cd"}
 _BAUD, _CFLAG = 9600, 2

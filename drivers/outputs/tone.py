@@ -16,12 +16,12 @@ import subprocess
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.clock.host_clock import HostClock
-from drivers.closable import Closable
-from drivers.device_api import Description
-from drivers.errors import ConfigurationError, DeviceLost
-from drivers.outputs import TONE
-from drivers.printable import printable_bytes
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.closable import Closable
+from probewatch.drivers.device_api import Description
+from probewatch.drivers.errors import ConfigurationError, DeviceLost
+from probewatch.drivers.outputs import TONE
+from probewatch.drivers.printable import printable_bytes
 
 RATE_HZ = 16_000
 """Samples a second: over twice the fifth partial of the highest pitch, 5 kHz. More makes more bytes, no other sound."""

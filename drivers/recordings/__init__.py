@@ -3,14 +3,14 @@
 What the latter says of itself, DRIVERS, is read without importing it (drivers/descriptor.py).
 """
 
-from drivers.descriptor import RECORDING, Driver, Option
+from probewatch.drivers.descriptor import RECORDING, Driver, Option
 
 _STARTS_S = (0, 3600)
 """More than an hour before a recording begins is a slip of the decimal point."""
 
 REPLAY = Driver(
     "replay",
-    "drivers.recordings.replay",
+    "probewatch.drivers.recordings.replay",
     "recordings, such as those of PLUS",
     "file",
     {"tracker": "replay:session.mha", "video": "replay:session.mha"},

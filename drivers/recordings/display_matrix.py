@@ -4,7 +4,7 @@ import mmap
 import struct
 from pathlib import Path
 
-from drivers.files.regular_file import reading
+from probewatch.drivers.files.regular_file import reading
 
 _BOX, _TO_MATRIX = b"tkhd", {0: 40, 1: 52}
 """Type of the box, and bytes from behind it to its matrix, by the version of the box."""

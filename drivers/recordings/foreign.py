@@ -6,9 +6,9 @@ from collections.abc import Iterable, Iterator, Sequence
 from itertools import chain
 from pathlib import Path
 
-from drivers.descriptor import FILM_SUFFIXES
-from drivers.errors import RecordingError
-from drivers.recordings.advice import POSES_APART
+from probewatch.drivers.descriptor import FILM_SUFFIXES
+from probewatch.drivers.errors import RecordingError
+from probewatch.drivers.recordings.advice import POSES_APART
 
 HEAD_BYTES = 352
 """What is read of a file to know its kind: NIfTI says its own at byte 344, the others before."""

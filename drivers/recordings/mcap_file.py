@@ -18,8 +18,8 @@ from mcap.records import Channel, Chunk, DataEnd, Message
 from mcap.stream_reader import CRCValidationError, StreamReader, get_chunk_data_stream
 from mcap.writer import CompressionType, IndexType, Writer
 
-from drivers.errors import RecordingError
-from drivers.files.regular_file import reading
+from probewatch.drivers.errors import RecordingError
+from probewatch.drivers.files.regular_file import reading
 
 MAGIC = b"\x89MCAP0\r\n"
 

@@ -16,17 +16,17 @@ from typing import BinaryIO
 
 import numpy as np
 
-from drivers.errors import RecordingError
-from drivers.files.markup import numbers_of
-from drivers.files.regular_file import reading, refuse_irregular
-from drivers.printable import printable
-from drivers.recordings.foreign import HEAD_BYTES, are_matrix, are_numbers, refuse_foreign
-from drivers.recordings.keys import IMAGE_STATUS, ORIENTATION, from_zero, known, missing
-from drivers.recordings.picture_blocks import inflated, raw
-from drivers.samples import GreyImage, Matrix4, PoseStatus
-from drivers.trackers.plus_transform import GOOD, TransformReading, rigid_reading, without_matrix
-from drivers.video.crop import FLIPS
-from drivers.video.grey import CHANNELS, grey_of
+from probewatch.drivers.errors import RecordingError
+from probewatch.drivers.files.markup import numbers_of
+from probewatch.drivers.files.regular_file import reading, refuse_irregular
+from probewatch.drivers.printable import printable
+from probewatch.drivers.recordings.foreign import HEAD_BYTES, are_matrix, are_numbers, refuse_foreign
+from probewatch.drivers.recordings.keys import IMAGE_STATUS, ORIENTATION, from_zero, known, missing
+from probewatch.drivers.recordings.picture_blocks import inflated, raw
+from probewatch.drivers.samples import GreyImage, Matrix4, PoseStatus
+from probewatch.drivers.trackers.plus_transform import GOOD, TransformReading, rigid_reading, without_matrix
+from probewatch.drivers.video.crop import FLIPS
+from probewatch.drivers.video.grey import CHANNELS, grey_of
 
 MAX_LINE_BYTES = 65_536
 """Length of a line of the header; those of PLUS take some hundred. More reads on in a file that has no lines, and is no

@@ -11,12 +11,12 @@ from typing import BinaryIO
 
 import numpy as np
 
-from drivers.files.atomic_file import replacing
-from drivers.files.regular_file import refuse_irregular
-from drivers.recordings.keys import IMAGE_STATUS, IMAGE_TYPE, ORIENTATION
-from drivers.recordings.picture_blocks import BLOCK_BYTES
-from drivers.samples import GreyImage, Matrix4
-from drivers.video.crop import FLIPS
+from probewatch.drivers.files.atomic_file import replacing
+from probewatch.drivers.files.regular_file import refuse_irregular
+from probewatch.drivers.recordings.keys import IMAGE_STATUS, IMAGE_TYPE, ORIENTATION
+from probewatch.drivers.recordings.picture_blocks import BLOCK_BYTES
+from probewatch.drivers.samples import GreyImage, Matrix4
+from probewatch.drivers.video.crop import FLIPS
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -12,12 +12,12 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import BinaryIO
 
-from drivers.errors import RecordingError
-from drivers.files.atomic_file import replacing
-from drivers.files.regular_file import reading, refuse_irregular
-from drivers.printable import printable
-from drivers.recordings.keys import IMAGE_STATUS, IMAGE_TYPE, NAMES, ORIENTATION, index_times, known
-from drivers.recordings.metaimage import (
+from probewatch.drivers.errors import RecordingError
+from probewatch.drivers.files.atomic_file import replacing
+from probewatch.drivers.files.regular_file import reading, refuse_irregular
+from probewatch.drivers.printable import printable
+from probewatch.drivers.recordings.keys import IMAGE_STATUS, IMAGE_TYPE, NAMES, ORIENTATION, index_times, known
+from probewatch.drivers.recordings.metaimage import (
     FRAME_KEY,
     MAX_HEADER_BYTES,
     MAX_HEADER_LINES,
@@ -25,9 +25,9 @@ from drivers.recordings.metaimage import (
     checked_header,
     unreadable,
 )
-from drivers.recordings.metaimage_writing import SequenceItem, spooled
-from drivers.recordings.picture_blocks import BLOCK_BYTES
-from drivers.video.crop import FLIPS
+from probewatch.drivers.recordings.metaimage_writing import SequenceItem, spooled
+from probewatch.drivers.recordings.picture_blocks import BLOCK_BYTES
+from probewatch.drivers.video.crop import FLIPS
 
 MAGIC = b"NRRD"
 _GZIP = 31  # window bits of zlib: the largest window, in gzip's wrapping

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
 
-from drivers.errors import RecordingError
+from probewatch.drivers.errors import RecordingError
 
 BLOCK_BYTES = 262_144
 """Copied or unpacked at a time: a little less than a picture of 640 × 480. More takes memory, less takes calls. Not

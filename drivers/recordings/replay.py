@@ -13,15 +13,15 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from drivers.clock.host_clock import HostClock
-from drivers.closable import Closable
-from drivers.errors import DeviceLost, RecordingError
-from drivers.recordings import REPLAY
-from drivers.recordings.advice import POSES_APART, in_url
-from drivers.recordings.film import Film
-from drivers.recordings.sequence import Sequence, read_sequence
-from drivers.samples import Frame, Matrix4, Pose, PoseStatus, Sample, Stamp
-from drivers.trackers.plus_transform import TransformReading
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.closable import Closable
+from probewatch.drivers.errors import DeviceLost, RecordingError
+from probewatch.drivers.recordings import REPLAY
+from probewatch.drivers.recordings.advice import POSES_APART, in_url
+from probewatch.drivers.recordings.film import Film
+from probewatch.drivers.recordings.sequence import Sequence, read_sequence
+from probewatch.drivers.samples import Frame, Matrix4, Pose, PoseStatus, Sample, Stamp
+from probewatch.drivers.trackers.plus_transform import TransformReading
 
 _STAMP_ERR_NS = 500
 """Half of the last digit PLUS prints; a recording says nothing more about the error of its stamps."""

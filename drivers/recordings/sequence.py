@@ -4,12 +4,13 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Protocol
 
-from drivers.files.regular_file import reading
-from drivers.recordings.film import Film, PoseTable
-from drivers.recordings.metaimage import read_metaimage, unreadable
-from drivers.recordings.nrrd import MAGIC, read_nrrd
-from drivers.samples import GreyImage
-from drivers.trackers.plus_transform import TransformReading
+from probewatch.drivers.files.regular_file import reading
+from probewatch.drivers.recordings.film import Film
+from probewatch.drivers.recordings.metaimage import read_metaimage, unreadable
+from probewatch.drivers.recordings.nrrd import MAGIC, read_nrrd
+from probewatch.drivers.recordings.pose_table import PoseTable
+from probewatch.drivers.samples import GreyImage
+from probewatch.drivers.trackers.plus_transform import TransformReading
 
 _HEAD_BYTES = 12
 _FILMS = ((4, b"ftyp"), (0, b"RIFF"), (0, b"\x1a\x45\xdf\xa3"), (4, b"moov"))

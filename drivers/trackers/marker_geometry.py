@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.samples import Matrix4
+from probewatch.drivers.samples import Matrix4
 
 LEAST_MARKERS = 3
 """Three points off a line fix a rigid pose; two leave the turn about their line open."""

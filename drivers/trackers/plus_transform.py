@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drivers.printable import printable
-from drivers.samples import Matrix4, PoseStatus
-from drivers.trackers.pose_bounds import FURTHEST_MM
+from probewatch.drivers.printable import printable
+from probewatch.drivers.samples import Matrix4, PoseStatus
+from probewatch.drivers.trackers.pose_bounds import FURTHEST_MM
 
 _ROTATION_TOLERANCE = 2e-3
 """Largest error of RᵀR and of the last row that is rounding: PLUS prints six digits, and three would err by 1.7e-3.

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drivers.rigid import angle_from_rotation
-from drivers.samples import Matrix4
+from probewatch.drivers.rigid import angle_from_rotation
+from probewatch.drivers.samples import Matrix4
 
 _RESTS_NS = 3_000_000_000
 """For which the reference must stay in one place to rest there. Less takes the pause between two breaths for rest, more

@@ -2,7 +2,7 @@
 them take. No behaviour here.
 """
 
-from drivers.descriptor import Option
+from probewatch.drivers.descriptor import Option
 
 DEADLINE_MS, DEADLINES_MS = 200.0, (20, 5000)
 """Silence after which a tracker is lost, unless the URL says otherwise, and what it may say. 200 ms leaves 50 ms to

@@ -7,7 +7,7 @@ was asked for does not watch.
 
 import numpy as np
 
-from drivers.samples import Matrix4
+from probewatch.drivers.samples import Matrix4
 
 _AWAY_NS = 5_000_000_000
 """For which it may be hidden before it is said. A hand passes in less; more leaves it unsaid for longer."""

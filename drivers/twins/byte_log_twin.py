@@ -9,9 +9,9 @@ from collections import defaultdict, deque
 from dataclasses import dataclass, field
 from threading import Event
 
-from drivers.clock.host_clock import HostClock
-from drivers.io.byte_log import Direction, Entry
-from drivers.twins.pty_line import IDLE_S, TwinLine
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.io.byte_log import Direction, Entry
+from probewatch.drivers.twins.pty_line import IDLE_S, TwinLine
 
 _FAST_BAUD = 10_000_000
 """Chunks go out in no time of their own, at the delays of the log: a microsecond a byte."""

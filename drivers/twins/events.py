@@ -4,7 +4,7 @@ import json
 import sys
 from collections.abc import Mapping
 
-from drivers.clock.host_clock import HostClock
+from probewatch.drivers.clock.host_clock import HostClock
 
 
 class Events:

@@ -10,8 +10,8 @@ import re
 from collections.abc import Collection, Iterator
 from pathlib import Path
 
-from drivers.errors import ConfigurationError
-from drivers.twins.faults import Episode, Schedule, episode_of, refuse_unknown_fault
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.drivers.twins.faults import Episode, Schedule, episode_of, refuse_unknown_fault
 
 _LOOK_EVERY_S = 0.05
 """World seconds between two looks at the file. Less asks the file system more often, more shows a fault later."""

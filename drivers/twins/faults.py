@@ -12,9 +12,9 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from drivers.errors import ConfigurationError
-from drivers.samples import GreyImage, Matrix4
-from drivers.suggestion import did_you_mean, suggested
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.drivers.samples import GreyImage, Matrix4
+from probewatch.drivers.suggestion import did_you_mean, suggested
 
 CART_FAULTS = (
     "flip-lateral",

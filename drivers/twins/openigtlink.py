@@ -15,18 +15,18 @@ from threading import Event
 
 import numpy as np
 
-from drivers.clock.host_clock import HostClock
-from drivers.device_api import TrackerSource, VideoSource
-from drivers.errors import DeviceLost, ProtocolError
-from drivers.openigtlink.content import OK, Status, transform_content
-from drivers.openigtlink.image import Image
-from drivers.openigtlink.message import UTF_8, Message, encode, time_of
-from drivers.openigtlink.stream import MessageStream
-from drivers.samples import Frame, Matrix4, Pose, PoseStatus, Sample, Stamp
-from drivers.twins.events import Events
-from drivers.twins.fault_control import FaultControl
-from drivers.twins.faults import spoil_witness
-from drivers.twins.tcp_server import ListeningTwin, TcpServer
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.device_api import TrackerSource, VideoSource
+from probewatch.drivers.errors import DeviceLost, ProtocolError
+from probewatch.drivers.openigtlink.content import OK, Status, transform_content
+from probewatch.drivers.openigtlink.image import Image
+from probewatch.drivers.openigtlink.message import UTF_8, Message, encode, time_of
+from probewatch.drivers.openigtlink.stream import MessageStream
+from probewatch.drivers.samples import Frame, Matrix4, Pose, PoseStatus, Sample, Stamp
+from probewatch.drivers.twins.events import Events
+from probewatch.drivers.twins.fault_control import FaultControl
+from probewatch.drivers.twins.faults import spoil_witness
+from probewatch.drivers.twins.tcp_server import ListeningTwin, TcpServer
 
 IMAGE_NAME, PROBE_NAME, WITNESS_NAME = "Image_Tracker", "ProbeToTracker", "WitnessToTracker"
 """Device names, in PLUS's manner."""

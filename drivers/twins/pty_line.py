@@ -15,9 +15,9 @@ from pathlib import Path
 from types import TracebackType
 from typing import Protocol, Self
 
-from drivers.clock.host_clock import HostClock
-from drivers.closable import Closable
-from drivers.io.serial_port import BITS_PER_BYTE
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.closable import Closable
+from probewatch.drivers.io.serial_port import BITS_PER_BYTE
 
 IDLE_S = 0.05
 """Seconds of the clock for which a twin waits on its line before it looks whether to stop, and at its faults. More

@@ -3,10 +3,10 @@
 from collections.abc import Callable
 from threading import Event
 
-from drivers.clock.host_clock import HostClock
-from drivers.outputs.relay import BAUD, COMMAND_BYTES, START, STATUS_QUERY
-from drivers.twins.events import Events
-from drivers.twins.pty_line import IDLE_S, PtyLine
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.outputs.relay import BAUD, COMMAND_BYTES, START, STATUS_QUERY
+from probewatch.drivers.twins.events import Events
+from probewatch.drivers.twins.pty_line import IDLE_S, PtyLine
 
 Change = dict[str, int | bool]
 """{"t_ns": of the clock, "channel": number, "energised": whether it has closed}."""

@@ -8,15 +8,15 @@ from pathlib import Path
 from threading import Event
 from typing import Self
 
-from drivers.clock.host_clock import HostClock
-from drivers.closable import Closable
-from drivers.samples import GreyImage
-from drivers.twins.events import Events
-from drivers.twins.fault_control import FaultControl
-from drivers.twins.faults import FUTURE_S, blank_image, frozen_image
-from drivers.twins.scene.tank import PlaceOfWork
-from drivers.twins.scene.world import World
-from drivers.video.sim import pack_frame
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.closable import Closable
+from probewatch.drivers.samples import GreyImage
+from probewatch.drivers.twins.events import Events
+from probewatch.drivers.twins.fault_control import FaultControl
+from probewatch.drivers.twins.faults import FUTURE_S, blank_image, frozen_image
+from probewatch.drivers.twins.scene.tank import PlaceOfWork
+from probewatch.drivers.twins.scene.world import World
+from probewatch.drivers.video.sim import pack_frame
 
 _STAMP_ERR_NS = 1_000_000
 """Bound that the frames state. Their times are exact; it stands for what a grabber does not know of them."""

@@ -8,8 +8,8 @@ import socket
 import struct
 from contextlib import suppress
 
-from drivers.clock.host_clock import HostClock
-from drivers.closable import Closable
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.closable import Closable
 
 _ABORT = struct.pack("ii", 1, 0)
 _SEND_S = 1.0

@@ -7,8 +7,8 @@ from collections.abc import Callable, Collection
 from contextlib import suppress
 from typing import Generic, Protocol, TypeVar
 
-from drivers.closable import Closable
-from drivers.errors import ProtocolError, cannot_listen
+from probewatch.drivers.closable import Closable
+from probewatch.drivers.errors import ProtocolError, cannot_listen
 
 _ABORT = struct.pack("ii", 1, 0)
 """SO_LINGER: closing sends RST and not FIN, as a server does that dies."""

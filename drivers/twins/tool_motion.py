@@ -18,14 +18,14 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from drivers.errors import RecordingError
-from drivers.files.markup import SAVE_AS_UTF_8, NotUtf8Error, text_of
-from drivers.files.regular_file import reading
-from drivers.recordings.replay import open_recording
-from drivers.samples import Matrix4
-from drivers.trackers.pose_bounds import UNIT_TOLERANCE
-from drivers.twins.scene.tank import PlaceOfWork
-from drivers.twins.scene.world import World
+from probewatch.drivers.errors import RecordingError
+from probewatch.drivers.files.markup import SAVE_AS_UTF_8, NotUtf8Error, text_of
+from probewatch.drivers.files.regular_file import reading
+from probewatch.drivers.recordings.replay import open_recording
+from probewatch.drivers.samples import Matrix4
+from probewatch.drivers.trackers.pose_bounds import UNIT_TOLERANCE
+from probewatch.drivers.twins.scene.tank import PlaceOfWork
+from probewatch.drivers.twins.scene.world import World
 
 PROBE, REFERENCE, WITNESS = "probe", "reference", "witness"
 

@@ -5,11 +5,11 @@ from abc import ABC, abstractmethod
 from math import ceil
 from typing import Generic, TypeVar
 
-from drivers.clock.host_clock import HostClock
-from drivers.closable import Closable
-from drivers.samples import Frame, Pose, PoseStatus, Stamp
-from drivers.twins.scene.world import World
-from drivers.twins.tool_motion import PROBE, WITNESS, world_motion
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.closable import Closable
+from probewatch.drivers.samples import Frame, Pose, PoseStatus, Stamp
+from probewatch.drivers.twins.scene.world import World
+from probewatch.drivers.twins.tool_motion import PROBE, WITNESS, world_motion
 
 _POSE_HZ = 60.0
 """As a Polaris Spectra."""

@@ -3,8 +3,8 @@
 What each says of itself, DRIVERS, is read without importing it (drivers/descriptor.py).
 """
 
-from drivers.descriptor import CAMERA, FILM, SOCKET, STREAM, VIDEO_NODE, Driver, Option, Twin
-from drivers.video.crop import CROP, ORIENTATION
+from probewatch.drivers.descriptor import CAMERA, FILM, SOCKET, STREAM, VIDEO_NODE, Driver, Option, Twin
+from probewatch.drivers.video.crop import CROP, ORIENTATION
 
 _FORMATS = (
     *("GREY", "NV12", "YU12", "YV12", "YUYV", "YVYU", "UYVY"),
@@ -19,7 +19,7 @@ _DELAYS_MS = (0, 5000)
 
 V4L2 = Driver(
     "v4l2",
-    "drivers.video.v4l2.source",
+    "probewatch.drivers.video.v4l2.source",
     "frame grabbers and cameras that the kernel knows",
     "kernel's V4L2",
     {"video": "v4l2:/dev/video0"},
@@ -38,7 +38,7 @@ V4L2 = Driver(
 )
 OPENCV = Driver(
     "opencv",
-    "drivers.video.opencv",
+    "probewatch.drivers.video.opencv",
     "streams, films and cameras that OpenCV reads",
     "network, file",
     {"video": "opencv:rtsp://host/stream"},
@@ -60,7 +60,7 @@ OPENCV = Driver(
 )
 SIM = Driver(
     "sim",
-    "drivers.video.sim",
+    "probewatch.drivers.video.sim",
     "simulated scanners",
     "Unix socket",
     {"video": "sim:/run/scanner"},

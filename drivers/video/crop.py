@@ -3,9 +3,9 @@
 import re
 from dataclasses import dataclass
 
-from drivers.descriptor import Given, Option
-from drivers.errors import DeviceLost
-from drivers.samples import GreyImage
+from probewatch.drivers.descriptor import Given, Option
+from probewatch.drivers.errors import DeviceLost
+from probewatch.drivers.samples import GreyImage
 
 FLIPS = {"MF": (False, False), "MN": (True, False), "UF": (False, True), "UN": (True, True)}
 """Stored orientation → (rows, columns) to reverse for MF: marked side at column 0, near side at row 0."""

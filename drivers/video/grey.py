@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.samples import GreyImage
+from probewatch.drivers.samples import GreyImage
 
 _CONVERSIONS = {3: cv2.COLOR_RGB2GRAY, 4: cv2.COLOR_RGBA2GRAY}
 """By the number of channels."""

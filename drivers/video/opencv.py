@@ -18,14 +18,14 @@ from urllib.parse import unquote
 import cv2
 import numpy as np
 
-from drivers.clock.host_clock import HostClock
-from drivers.closable import Closable
-from drivers.device_api import Description
-from drivers.errors import DeviceLost
-from drivers.samples import Frame, GreyImage, Stamp
-from drivers.video import OPENCV
-from drivers.video.crop import Cut, cut_from
-from drivers.video.no_film import why_no_film
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.closable import Closable
+from probewatch.drivers.device_api import Description
+from probewatch.drivers.errors import DeviceLost
+from probewatch.drivers.samples import Frame, GreyImage, Stamp
+from probewatch.drivers.video import OPENCV
+from probewatch.drivers.video.crop import Cut, cut_from
+from probewatch.drivers.video.no_film import why_no_film
 
 _OPEN_MS, _READ_MS = 5000, 2000
 """Given to FFmpeg for a stream. A camera that does not answer holds the thread that long before the next attempt; less

@@ -13,12 +13,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drivers.clock.host_clock import HostClock
-from drivers.closable import Closable
-from drivers.errors import ConfigurationError, DeviceLost, ProtocolError
-from drivers.samples import Frame, GreyImage, Stamp
-from drivers.video import SIM
-from drivers.video.crop import LEAST_PX
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.closable import Closable
+from probewatch.drivers.errors import ConfigurationError, DeviceLost, ProtocolError
+from probewatch.drivers.samples import Frame, GreyImage, Stamp
+from probewatch.drivers.video import SIM
+from probewatch.drivers.video.crop import LEAST_PX
 
 _LAYOUT = struct.Struct("<4sHHQqIII")
 _MAGIC, _VERSION, _BITS = b"PWSV", 1, 8

@@ -26,7 +26,7 @@ PYTHONS = {"bookworm": (11, "deb12"), "trixie": (13, "deb13")}
 """Suite → (minor version of its Python 3, suffix of the package's version)."""
 PLATFORMS = ("manylinux_2_28", "manylinux_2_27", "manylinux_2_17", "manylinux2014")
 ARCHITECTURE = {"amd64": "x86_64", "arm64": "aarch64"}
-LAUNCHER = "#!/opt/probewatch/bin/python3\nimport sys\nfrom tools.cli import main\nsys.exit(main())\n"
+LAUNCHER = "#!/opt/probewatch/bin/python3\nimport sys\nfrom probewatch.tools.cli import main\nsys.exit(main())\n"
 FILES = {
     "systemd/probewatch.service": "usr/lib/systemd/system/probewatch.service",
     "systemd/probewatch.service.d/10-devices.conf": "usr/lib/systemd/system/probewatch.service.d/10-devices.conf",

@@ -11,7 +11,7 @@ import click
 from click.shell_completion import get_completion_class
 from click_man.core import write_man_pages
 
-from tools.cli import probewatch
+from probewatch.tools.cli import probewatch
 
 NAME = "probewatch"
 FILES_AND_EXIT_STATUS = Path(__file__).with_name("files.man")

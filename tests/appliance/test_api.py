@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from appliance.api import judge, reference
-from appliance.limits import Limits
-from appliance.storage.calibration_file import read_calibration, write_calibration
-from appliance.types import VerdictKind
-from drivers.errors import ConfigurationError, RecordingError
-from drivers.recordings.metaimage_writing import SequenceItem, write_metaimage
-from drivers.samples import Frame
-from drivers.twins.scene.world import WorldSettings
+from probewatch.appliance.api import judge, reference
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.storage.calibration_file import read_calibration, write_calibration
+from probewatch.appliance.types import VerdictKind
+from probewatch.drivers.errors import ConfigurationError, RecordingError
+from probewatch.drivers.recordings.metaimage_writing import SequenceItem, write_metaimage
+from probewatch.drivers.samples import Frame
+from probewatch.drivers.twins.scene.world import WorldSettings
 from tests.support.answers import answered
 from tests.support.recordings import picture, turn
 from tests.support.sessions import SWEPT, kept, session

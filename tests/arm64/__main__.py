@@ -56,7 +56,7 @@ cd "$2"
 mount --rbind /dev dev; mount -t proc proc proc; mount -t tmpfs tmpfs tmp; mount -t tmpfs tmpfs run
 shift 2
 exec chroot . /usr/bin/env -i -C /checkout PATH=/usr/bin:/bin HOME=/tmp LANG=C.UTF-8 OMP_NUM_THREADS=1 \
-  OPENBLAS_NUM_THREADS=1 PYTHONPATH="/$SITE:/opt/tests" python3 "$@"
+  OPENBLAS_NUM_THREADS=1 PYTHONPATH="/checkout/tools/development/package:/$SITE:/opt/tests" python3 "$@"
 """
 
 
@@ -135,7 +135,7 @@ def _checkout() -> None:
     (SYSTEM / CHECKOUT).mkdir()
     subprocess.run(["xargs", "-0", "cp", "--parents", "-t", str(SYSTEM / CHECKOUT)], cwd=ROOT, check=True, input=listed)
     for name in ("appliance", "drivers", "tools"):
-        shutil.copytree(SYSTEM / SITE / name, SYSTEM / CHECKOUT / name, dirs_exist_ok=True)
+        shutil.copytree(SYSTEM / SITE / "probewatch" / name, SYSTEM / CHECKOUT / name, dirs_exist_ok=True)
 
 
 def _lock() -> str:

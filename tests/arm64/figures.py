@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from appliance.core.line import Line
-from appliance.core.registration.keyframe import Keyframe
-from appliance.core.registration.pyramid import pyramid
-from appliance.limits import Limits
-from drivers.samples import GreyImage
-from tools.study.samples import Conditions, rendered, samples
-from tools.study.session import Session
+from probewatch.appliance.core.line import Line
+from probewatch.appliance.core.registration.keyframe import Keyframe
+from probewatch.appliance.core.registration.pyramid import pyramid
+from probewatch.appliance.limits import Limits
+from probewatch.drivers.samples import GreyImage
+from probewatch.tools.study.samples import Conditions, rendered, samples
+from probewatch.tools.study.session import Session
 
 SESSION = Session("gesture", "still", 1, 6.0)
 """Seeded: the motion that shows every parameter, until all are shown; its pictures are 400 × 300 px."""

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from appliance.core.registration.keyframe import Keyframe
-from appliance.core.registration.pyramid import pyramid
+from probewatch.appliance.core.registration.keyframe import Keyframe
+from probewatch.appliance.core.registration.pyramid import pyramid
 from tests.bench.peers import PEERS, Method, accurate, cold, kept
 from tests.bench.scenes import CHANGED, CLEAN, Pair, Scene, pairs
 from tests.support.rendered import Warp, rms_px

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.rigid import Array
+from probewatch.drivers.rigid import Array
 from tests.bench.scenes import PLAIN
 from tests.support.rendered import moved, world
 

@@ -6,11 +6,11 @@ from typing import Any
 import cv2
 import numpy as np
 
-from appliance.core.line import Line
-from appliance.limits import Limits
-from appliance.storage.image_to_probe import calibration_from_image_to_probe
-from drivers.samples import Frame
-from drivers.twins.scene.world import World, WorldSettings
+from probewatch.appliance.core.line import Line
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.storage.image_to_probe import calibration_from_image_to_probe
+from probewatch.drivers.samples import Frame
+from probewatch.drivers.twins.scene.world import World, WorldSettings
 from tests.support.sessions import session
 
 _SECONDS, _SETTLED = 14.0, 330

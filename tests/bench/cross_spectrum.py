@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from appliance.core.registration.pyramid import centre_px
-from drivers.rigid import Array
+from probewatch.appliance.core.registration.pyramid import centre_px
+from probewatch.drivers.rigid import Array
 from tests.bench.bounds import WINDOW_PX, coherence, spectra
 from tests.bench.scenes import Scene, pairs
 from tests.support.rendered import Warp, rms_px

@@ -22,12 +22,12 @@ from typing import Any, Protocol
 import numpy as np
 import pytest
 
-from appliance.limits import Limits
-from appliance.service.estimator.process_host import EstimatorHost
-from appliance.service.estimator.ring import FRAMES, Ring
-from appliance.supervision.watchers.device_health import Timeouts
-from appliance.types import Calibration
-from drivers.samples import Frame, GreyImage, Stamp
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.service.estimator.process_host import EstimatorHost
+from probewatch.appliance.service.estimator.ring import FRAMES, Ring
+from probewatch.appliance.supervision.watchers.device_health import Timeouts
+from probewatch.appliance.types import Calibration
+from probewatch.drivers.samples import Frame, GreyImage, Stamp
 from tests.bench.receiver import METHODS, PIPED
 from tests.support.frame_walk import HOPS, copies, walk
 from tests.support.polling import until

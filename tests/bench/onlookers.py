@@ -19,14 +19,14 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import binom
 
-from drivers.openigtlink.message import Message, encode
+from probewatch.drivers.openigtlink.message import Message, encode
+from probewatch.tools.simulators.whole_cart import Part
 from tests.bench.contact_delay import delays_ms, restart_for_measuring
 from tests.live.test_feed import LOOKER, READER
 from tests.support.demo_cart import PROBEWATCH, Cart
 from tests.support.polling import until
 from tests.support.web_page import WebPage
 from tests.tools.monitoring.test_mqtt import Mosquitto
-from tools.simulators.whole_cart import Part
 
 BLOCKS = 4
 """Turns with and without: what the machine does besides changes over minutes."""

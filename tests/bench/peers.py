@@ -13,9 +13,9 @@ import numpy as np
 import SimpleITK as sitk  # noqa: N813
 from pystackreg import StackReg
 
-from appliance.core.registration.keyframe import Keyframe
-from appliance.core.registration.pyramid import centre_px, pyramid
-from drivers.samples import GreyImage
+from probewatch.appliance.core.registration.keyframe import Keyframe
+from probewatch.appliance.core.registration.pyramid import centre_px, pyramid
+from probewatch.drivers.samples import GreyImage
 from tests.bench.scenes import Bits
 from tests.support.rendered import Warp
 

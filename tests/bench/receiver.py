@@ -13,8 +13,8 @@ from multiprocessing.connection import Connection
 
 import numpy as np
 
-from appliance.service.estimator.ring import FRAMES, Ring, RingFds
-from appliance.service.host.child_process import end_with_parent
+from probewatch.appliance.service.estimator.ring import FRAMES, Ring, RingFds
+from probewatch.appliance.service.host.child_process import end_with_parent
 
 WOKEN, POLLED, PIPED = "ring, woken", "ring, looked at every 4 ms", "multiprocessing.Pipe"
 METHODS = (WOKEN, POLLED, PIPED)

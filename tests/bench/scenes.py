@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.samples import GreyImage
-from drivers.twins.scene.world import WorldSettings
+from probewatch.drivers.samples import GreyImage
+from probewatch.drivers.twins.scene.world import WorldSettings
 from tests.support.rendered import Warp, learnt_mask, moved, true_motion, world
 
 Bits = NDArray[np.bool_]

@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from appliance.core.registration.keyframe import Keyframe
-from appliance.core.registration.realtime_tracker import acceptable
+from probewatch.appliance.core.registration.keyframe import Keyframe
+from probewatch.appliance.core.registration.realtime_tracker import acceptable
 from tests.bench.scenes import SCREEN
 from tests.support.rendered import aspect, learnt_mask, levels, moved, rms_px, true_motion, world
 

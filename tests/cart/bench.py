@@ -10,13 +10,13 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from appliance.storage.calibration_file import write_calibration
-from appliance.storage.image_to_probe import calibration_from_image_to_probe
-from drivers.twins.ndi.tool_definitions import make_rom
-from drivers.twins.scene.world import World
+from probewatch.appliance.storage.calibration_file import write_calibration
+from probewatch.appliance.storage.image_to_probe import calibration_from_image_to_probe
+from probewatch.drivers.twins.ndi.tool_definitions import make_rom
+from probewatch.drivers.twins.scene.world import World
+from probewatch.tools.simulators.whole_cart import TWINS
 from tests.cart.guest import Ended
 from tests.support.polling import until
-from tools.simulators.whole_cart import TWINS
 
 UNIT = "probewatch.service"
 CONFIG = "/etc/probewatch/probewatch.toml"

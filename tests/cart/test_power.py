@@ -7,8 +7,8 @@ import time
 import tomllib
 from pathlib import Path
 
-from appliance.storage.alarm_chain import Reading, read_log
-from appliance.storage.calibration_file import read_calibration
+from probewatch.appliance.storage.alarm_chain import Reading, read_log
+from probewatch.appliance.storage.calibration_file import read_calibration
 from tests.cart.guest import PYTHON, SCRIPTS, Guest
 from tests.cart.image import run
 from tests.support.polling import until

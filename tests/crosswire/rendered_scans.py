@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from appliance.crosswire.running import RunningCalibration
-from appliance.crosswire.scan import CrosswireScan
+from probewatch.appliance.crosswire.running import RunningCalibration
+from probewatch.appliance.crosswire.scan import CrosswireScan
+from probewatch.tools.shared.crosswire_input import simulated
 from tests.crosswire.scans import points_off_mm
 from tests.crosswire.views import HELD_OUT
 from tests.support.crossings import SIZE_PX, errors
-from tools.shared.crosswire_input import simulated
 
 DURATION_S = 60.0
 

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from appliance.crosswire.checkpoint import reconstructed_mm
-from appliance.crosswire.offset import Demand, solve_zeta
-from appliance.crosswire.running import RunningCalibration
-from appliance.crosswire.scan import View
-from drivers.rigid import interpolate
+from probewatch.appliance.crosswire.checkpoint import reconstructed_mm
+from probewatch.appliance.crosswire.offset import Demand, solve_zeta
+from probewatch.appliance.crosswire.running import RunningCalibration
+from probewatch.appliance.crosswire.scan import View
+from probewatch.drivers.rigid import interpolate
 from tests.support.crossings import SIZE_PX, TRUE, errors, guided_views
 
 POINTS = 10

@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from appliance.crosswire.crossing import Crossing, find_crossing
-from drivers.twins.scene.wires import cluttered
-from drivers.twins.scene.world import World, WorldSettings
+from probewatch.appliance.crosswire.crossing import Crossing, find_crossing
+from probewatch.drivers.twins.scene.wires import cluttered
+from probewatch.drivers.twins.scene.world import World, WorldSettings
 from tests.support.other_tank import other_drawn
 from tests.support.wire_pictures import Drawn, drawn
 

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from drivers.clock.host_clock import HostClock
-from drivers.descriptor import TARGETS, Driver, Option
-from drivers.errors import ConfigurationError, DeviceLost, RecordingError
-from drivers.registry import check_options, drivers, open_output, open_tracker, open_video, split_url
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.descriptor import TARGETS, Driver, Option
+from probewatch.drivers.errors import ConfigurationError, DeviceLost, RecordingError
+from probewatch.drivers.registry import check_options, drivers, open_output, open_tracker, open_video, split_url
 from tests.support.absent import absent_url
 from tests.support.rigs import lines, rigs
 
@@ -52,7 +52,7 @@ def test_whoever_can_open_a_device_is_named_by_a_descriptor() -> None:
     for file in (HERE / "drivers").rglob("*.py"):
         functions = {one.name for one in ast.parse(file.read_text()).body if isinstance(one, ast.FunctionDef)}
         if "checked" in functions and functions & {f"open_{kind}" for kind in OPENERS}:
-            found.add(".".join(file.relative_to(HERE).with_suffix("").parts))
+            found.add(".".join(("probewatch", *file.relative_to(HERE).with_suffix("").parts)))
     assert found == {driver.module for driver in drivers().values()}
 
 
@@ -144,14 +144,14 @@ def test_no_row_of_the_suites_is_of_a_driver_that_is_not_there() -> None:
 @pytest.mark.parametrize("driver", [one for one in drivers().values() if one.twin is not None], ids=named)
 def test_a_simulated_device_has_its_command(driver: Driver) -> None:
     assert driver.twin is not None
-    command = importlib.import_module(f"tools.simulators.{driver.twin.name}").command
+    command = importlib.import_module(f"probewatch.tools.simulators.{driver.twin.name}").command
     assert command.name == driver.twin.name
     assert driver.twin.what
 
 
 LAZY = """
 import sys
-from drivers.registry import check_options, drivers
+from probewatch.drivers.registry import check_options, drivers
 modules = {driver.module for driver in drivers().values()}
 print(sorted((modules | {"cv2", "gpiod", "serial"}) & sys.modules.keys()))
 check_options("sim:/run/scanner", "video")
@@ -161,4 +161,4 @@ print(sorted((modules | {"cv2", "gpiod", "serial"}) & sys.modules.keys()))
 
 def test_to_know_all_drivers_imports_none_and_to_read_one_imports_that_alone() -> None:
     said = subprocess.run([sys.executable, "-c", LAZY], capture_output=True, text=True, check=True, cwd=HERE)
-    assert said.stdout.splitlines() == ["[]", "['drivers.video.sim']"]
+    assert said.stdout.splitlines() == ["[]", "['probewatch.drivers.video.sim']"]

@@ -7,7 +7,7 @@ import ssl
 
 import pytest
 
-from drivers.errors import cannot_listen, system_words
+from probewatch.drivers.errors import cannot_listen, system_words
 
 
 @pytest.mark.parametrize(

@@ -22,26 +22,33 @@ from rich.console import Console
 from rich.style import Style
 from rich.text import Text as Words
 
-from appliance.core.quality.gesture import Gesture
-from appliance.service.control.client import ControlClient
-from appliance.service.control.server import ControlServer
-from appliance.service.host.log import configure
-from appliance.service.host.systemd_notify import Notifier
-from appliance.storage.alarm_log import AlarmLog
-from drivers.clock.host_clock import HostClock
-from drivers.errors import ConfigurationError, DeviceLost, RecordingError
-from drivers.io.inventory import serial_ports
-from drivers.printable import LONGEST_TEXT, LONGEST_WORDS, printable, printable_bytes, printable_screen, printable_value
-from drivers.recordings.metaimage import read_metaimage
-from drivers.recordings.metaimage_writing import write_metaimage
-from drivers.trackers.ndi.identity import identity_of
-from drivers.trackers.ndi.rom import ROM_BYTES, definition_of
-from drivers.trackers.optotrak.rtc3d import ByteOrder, PacketType, Text, encode_packet
-from drivers.trackers.optotrak.tracker import open_tracker
-from drivers.video.v4l2 import abi
+from probewatch.appliance.core.quality.gesture import Gesture
+from probewatch.appliance.service.control.client import ControlClient
+from probewatch.appliance.service.control.server import ControlServer
+from probewatch.appliance.service.host.log import configure
+from probewatch.appliance.service.host.systemd_notify import Notifier
+from probewatch.appliance.storage.alarm_log import AlarmLog
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.errors import ConfigurationError, DeviceLost, RecordingError
+from probewatch.drivers.io.inventory import serial_ports
+from probewatch.drivers.printable import (
+    LONGEST_TEXT,
+    LONGEST_WORDS,
+    printable,
+    printable_bytes,
+    printable_screen,
+    printable_value,
+)
+from probewatch.drivers.recordings.metaimage import read_metaimage
+from probewatch.drivers.recordings.metaimage_writing import write_metaimage
+from probewatch.drivers.trackers.ndi.identity import identity_of
+from probewatch.drivers.trackers.ndi.rom import ROM_BYTES, definition_of
+from probewatch.drivers.trackers.optotrak.rtc3d import ByteOrder, PacketType, Text, encode_packet
+from probewatch.drivers.trackers.optotrak.tracker import open_tracker
+from probewatch.drivers.video.v4l2 import abi
+from probewatch.tools.commands.log import command as log_command
+from probewatch.tools.shared.gesture_drawings import drawing
 from tests.support.recordings import SIZE_PX, items
-from tools.commands.log import command as log_command
-from tools.shared.gesture_drawings import drawing
 
 HOSTILE = "\x1b]0;owned\x07\x1b[2J\x9b31m\u202etxet\u2066\u200b\r\n{forged}\x00\x7f\ud800" + "x" * 100_000
 SAFE_HOSTILE = HOSTILE.replace("\ud800", "")
@@ -260,7 +267,7 @@ def test_the_service_manager_is_told_one_line(tmp_path: Path) -> None:
         assert manager.recv(4096).count(b"\n") == 2
 
 
-COMMAND = "import sys; sys.argv[1:] = {arguments!r}; from tools.cli import main; main()"
+COMMAND = "import sys; sys.argv[1:] = {arguments!r}; from probewatch.tools.cli import main; main()"
 
 
 def test_a_terminal_is_never_taken_over(tmp_path: Path) -> None:
@@ -286,7 +293,7 @@ def test_a_terminal_is_never_taken_over(tmp_path: Path) -> None:
 
 def test_the_net_holds_where_everything_else_failed() -> None:
     code = (
-        "import click, sys; from tools.shared.terminal import guard_terminal; guard_terminal()\n"
+        "import click, sys; from probewatch.tools.shared.terminal import guard_terminal; guard_terminal()\n"
         f"click.echo({SAFE_HOSTILE[:60]!r}); print({SAFE_HOSTILE[:60]!r}, file=sys.stderr)\n"
         "struct_bytes = sys.stdout.buffer.write(b'raw bytes pass\\n'); sys.stdout.flush()"
     )

@@ -2,8 +2,8 @@
 
 import pytest
 
-from drivers.errors import ConfigurationError
-from drivers.registry import is_simulated, split_url
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.drivers.registry import is_simulated, split_url
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from drivers.rigid import (
+from probewatch.drivers.rigid import (
     angle_from_rotation,
     interpolate,
     inverse,

@@ -2,7 +2,7 @@
 
 import pytest
 
-from drivers.suggestion import did_you_mean, suggested
+from probewatch.drivers.suggestion import did_you_mean, suggested
 
 KNOWN = (
     "halt",

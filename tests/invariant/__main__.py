@@ -11,10 +11,10 @@ from hashlib import sha256
 
 import click
 
+from probewatch.tools.shared.interruption import said_when_interrupted
+from probewatch.tools.study.table import commit
+from probewatch.tools.study.workers import results
 from tests.invariant.long_run import Share
-from tools.shared.interruption import said_when_interrupted
-from tools.study.table import commit
-from tools.study.workers import results
 
 _SHARE_FRAMES = 12_500
 """A minute of one processor: two of them are busy for the whole of the gate's 25,000 frames."""

@@ -6,14 +6,14 @@ from functools import partial
 
 import numpy as np
 
-from appliance.core.detectors.no_picture import NoPicture
-from appliance.core.line import Line
-from appliance.limits import AT_REST_S, Limits, RequiredAges
-from appliance.supervision.supervisor import LATCHED, Durations, Inputs, Request, Supervisor
-from appliance.supervision.watchers.device_health import DeviceHealth, Timeouts
-from appliance.supervision.watchers.devices import watch_devices
-from appliance.types import AlarmState, Verdict
-from drivers.samples import Frame, GreyImage, Pose, PoseStatus, Sample, Stamp
+from probewatch.appliance.core.detectors.no_picture import NoPicture
+from probewatch.appliance.core.line import Line
+from probewatch.appliance.limits import AT_REST_S, Limits, RequiredAges
+from probewatch.appliance.supervision.supervisor import LATCHED, Durations, Inputs, Request, Supervisor
+from probewatch.appliance.supervision.watchers.device_health import DeviceHealth, Timeouts
+from probewatch.appliance.supervision.watchers.devices import watch_devices
+from probewatch.appliance.types import AlarmState, Verdict
+from probewatch.drivers.samples import Frame, GreyImage, Pose, PoseStatus, Sample, Stamp
 from tests.invariant.circumstances import GRADUAL, NO_BLANK, Blank, Circumstances, Manner, Pictures, Poses, Stamps
 from tests.invariant.oracle import GRADUAL_WITHIN_NS, MAX_AGE_NS, NAMED_WITHIN_NS, SHIPPED, TICK_NS, Broken, Oracle
 from tests.invariant.world import MOVED, NONE, Change, Hand, Scanner, Tracker, blended, reference

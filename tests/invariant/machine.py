@@ -7,7 +7,7 @@ from hypothesis import HealthCheck, Phase, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, get_state_machine_test, initialize, rule
 
-from appliance.limits import RequiredAges
+from probewatch.appliance.limits import RequiredAges
 from tests.invariant.cart import Cart
 from tests.invariant.circumstances import GRADUAL, SUDDEN, Blank, Circumstances, Manner, Pictures, Poses, Stamps
 from tests.invariant.oracle import SHIPPED, STRICT

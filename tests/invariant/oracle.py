@@ -8,11 +8,11 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from appliance.limits import AT_REST_S, SWEPT_AGE_S, Limits, RequiredAges
-from appliance.supervision.supervisor import Durations
-from appliance.types import AlarmState, Check, State, Verdict, VerdictKind
-from drivers.rigid import angle_from_rotation, inverse
-from drivers.samples import Matrix4
+from probewatch.appliance.limits import AT_REST_S, SWEPT_AGE_S, Limits, RequiredAges
+from probewatch.appliance.supervision.supervisor import Durations
+from probewatch.appliance.types import AlarmState, Check, State, Verdict, VerdictKind
+from probewatch.drivers.rigid import angle_from_rotation, inverse
+from probewatch.drivers.samples import Matrix4
 from tests.invariant.world import NONE, Change
 
 TICK_NS = 50_000_000

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from appliance.limits import AT_REST_S, RequiredAges
+from probewatch.appliance.limits import AT_REST_S, RequiredAges
 from tests.invariant.cart import POSE_MS, Cart
 from tests.invariant.circumstances import Pictures, Poses, Stamps
 from tests.invariant.oracle import MAX_AGE_NS, SHIPPED

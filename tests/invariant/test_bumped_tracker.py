@@ -9,17 +9,17 @@ from typing import cast
 import numpy as np
 import pytest
 
-from appliance.supervision.alarms import operator_text
-from drivers.clock.device_clock import DeviceClock
-from drivers.rigid import rigid, rotation_from_vector
-from drivers.samples import Pose, PoseStatus, Sample
-from drivers.trackers.ndi.exchange import Answer
-from drivers.trackers.ndi.identity import ReplyKind
-from drivers.trackers.ndi.negotiation import Agreed
-from drivers.trackers.ndi.pose_assembly import Bodies, PoseAssembly
-from drivers.trackers.ndi.readings import Reading, Snapshot, dialect
-from drivers.trackers.ndi.tools import Tool
-from drivers.twins.ndi.measurement import transform_of
+from probewatch.appliance.supervision.alarms import operator_text
+from probewatch.drivers.clock.device_clock import DeviceClock
+from probewatch.drivers.rigid import rigid, rotation_from_vector
+from probewatch.drivers.samples import Pose, PoseStatus, Sample
+from probewatch.drivers.trackers.ndi.exchange import Answer
+from probewatch.drivers.trackers.ndi.identity import ReplyKind
+from probewatch.drivers.trackers.ndi.negotiation import Agreed
+from probewatch.drivers.trackers.ndi.pose_assembly import Bodies, PoseAssembly
+from probewatch.drivers.trackers.ndi.readings import Reading, Snapshot, dialect
+from probewatch.drivers.trackers.ndi.tools import Tool
+from probewatch.drivers.twins.ndi.measurement import transform_of
 from tests.invariant.cart import ORIGIN_NS, Cart
 from tests.invariant.machine import CLOSED_AGAIN_WITHIN_S
 from tests.invariant.scenarios import VERIFIED_WITHIN_S, verified_cart

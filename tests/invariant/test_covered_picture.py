@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from drivers.samples import GreyImage, Matrix4
+from probewatch.drivers.samples import GreyImage, Matrix4
 from tests.invariant.cart import Cart
 from tests.invariant.scenarios import VERIFIED_WITHIN_S
 

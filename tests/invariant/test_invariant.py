@@ -2,8 +2,8 @@
 
 import pytest
 
-from appliance.core.quality.judgement import BROKE
-from appliance.supervision.alarms import HAZARDS
+from probewatch.appliance.core.quality.judgement import BROKE
+from probewatch.appliance.supervision.alarms import HAZARDS
 from tests.invariant.cart import ORIGIN_NS, Cart
 from tests.invariant.circumstances import Pictures, Poses
 from tests.invariant.long_run import long_run

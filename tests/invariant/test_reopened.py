@@ -10,20 +10,20 @@ from dataclasses import replace
 
 import pytest
 
-from appliance.core.acquisition.pairing import Unpaired
-from appliance.core.acquisition.stamp_gate import StampCheck, StampGate
-from appliance.core.detectors import dissolved_picture, picture_chain
-from appliance.core.detectors.picture_chain import PictureChain
-from appliance.core.line import Line
-from appliance.core.path.window import PathWindow
-from appliance.core.quality.confirmation import Memory, Solved, decide
-from appliance.core.quality.evidence import Evidence
-from appliance.core.quality.examination import Finding
-from appliance.core.quality.stationary_time import StationaryTime
-from appliance.core.quality.verification import Contradiction, Verification
-from appliance.core.spread_work import Steps
-from appliance.limits import Limits, RequiredAges
-from appliance.types import Check, StampedPair, Verdict, VerdictKind
+from probewatch.appliance.core.acquisition.pairing import Unpaired
+from probewatch.appliance.core.acquisition.stamp_gate import StampCheck, StampGate
+from probewatch.appliance.core.detectors import dissolved_picture, picture_chain
+from probewatch.appliance.core.detectors.picture_chain import PictureChain
+from probewatch.appliance.core.line import Line
+from probewatch.appliance.core.path.window import PathWindow
+from probewatch.appliance.core.quality.confirmation import Memory, Solved, decide
+from probewatch.appliance.core.quality.evidence import Evidence
+from probewatch.appliance.core.quality.examination import Finding
+from probewatch.appliance.core.quality.stationary_time import StationaryTime
+from probewatch.appliance.core.quality.verification import Contradiction, Verification
+from probewatch.appliance.core.spread_work import Steps
+from probewatch.appliance.limits import Limits, RequiredAges
+from probewatch.appliance.types import Check, StampedPair, Verdict, VerdictKind
 from tests.invariant import test_invariant as holes
 from tests.invariant.cart import Cart
 from tests.invariant.circumstances import Manner, Pictures
@@ -103,7 +103,7 @@ def never_named(monkeypatch: pytest.MonkeyPatch) -> None:
     def doubtful(memory: Memory, solved: Solved, limits: Limits) -> tuple[Memory, frozenset[str]]:
         return decide(memory, solved, limits)[0], solved.finding.failed
 
-    monkeypatch.setattr("appliance.core.quality.evidence.decide", doubtful)
+    monkeypatch.setattr("probewatch.appliance.core.quality.evidence.decide", doubtful)
     monkeypatch.setattr(Evidence, "_accused", nothing)
 
 

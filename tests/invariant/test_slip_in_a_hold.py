@@ -2,13 +2,13 @@
 
 import pytest
 
-from appliance.core.quality import stationary_time
+from probewatch.appliance.core.quality import stationary_time
+from probewatch.tools.study import hazard
+from probewatch.tools.study.hazard import Hazard
+from probewatch.tools.study.outcome import run
+from probewatch.tools.study.samples import Conditions, rendered
+from probewatch.tools.study.session import Session
 from tests.support.kept_pictures import sessions
-from tools.study import hazard
-from tools.study.hazard import Hazard
-from tools.study.outcome import run
-from tools.study.samples import Conditions, rendered
-from tools.study.session import Session
 
 SLIDES_S, FOR_S = 9.0, 1.0
 """Two seconds after the hand came to rest, amid a breath: no picture is like the rest's first anchor."""

@@ -4,8 +4,8 @@ from typing import Any
 
 import pytest
 
-from appliance.supervision.alarms import BEHIND
-from appliance.supervision.policy import BEHIND_NS
+from probewatch.appliance.supervision.alarms import BEHIND
+from probewatch.appliance.supervision.policy import BEHIND_NS
 from tests.invariant.cart import Cart
 from tests.invariant.circumstances import Stamps
 from tests.invariant.oracle import TICK_NS

@@ -4,7 +4,7 @@ reads seldom: samples to contact."""
 import numpy as np
 import pytest
 
-from drivers.rigid import inverse, rigid, rotation_from_vector
+from probewatch.drivers.rigid import inverse, rigid, rotation_from_vector
 from tests.invariant.circumstances import Poses
 from tests.invariant.scenarios import verified_cart
 from tests.invariant.world import X_REFERENCE, Change

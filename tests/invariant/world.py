@@ -11,11 +11,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from appliance.limits import Limits
-from appliance.types import Calibration
-from drivers.rigid import rigid, rotation_from_vector, vector_from_rotation
-from drivers.samples import GreyImage, Matrix4
-from drivers.twins.faults import BEND_AXIS, BEND_DEG, SLIDE_MM
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.types import Calibration
+from probewatch.drivers.rigid import rigid, rotation_from_vector, vector_from_rotation
+from probewatch.drivers.samples import GreyImage, Matrix4
+from probewatch.drivers.twins.faults import BEND_AXIS, BEND_DEG, SLIDE_MM
 from tests.invariant.circumstances import Manner
 
 WIDTH_PX, ROWS = 160, 120

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from appliance.types import Fault
+from probewatch.appliance.types import Fault
 from tests.support.demo_cart import Cart
 from tests.support.polling import until
 

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
+from probewatch.tools.demo.script import DEFAULT, FAULT_CLASS
 from tests.support.demo_cart import PROBEWATCH
 from tests.support.polling import until
-from tools.demo.script import DEFAULT, FAULT_CLASS
 
 _STARTED_S = 60.0
 """Within which a part of the demo is there: what is judged begins after it, so a busy computer may take its time."""

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from drivers.twins.scene.metal import LEAVES_AT_S
+from probewatch.drivers.twins.scene.metal import LEAVES_AT_S
+from probewatch.tools.simulators.whole_cart import TWINS
 from tests.support.demo_cart import Cart
 from tests.support.polling import until
-from tools.simulators.whole_cart import TWINS
 
 pytestmark = pytest.mark.slow
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from appliance.service.control.client import ControlClient
+from probewatch.appliance.service.control.client import ControlClient
 from tests.support.demo_cart import PROBEWATCH, Cart
 from tests.support.polling import until
 

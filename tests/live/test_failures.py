@@ -12,10 +12,10 @@ from pathlib import Path
 
 import pytest
 
-from appliance.service.control.allowance import BURST
-from appliance.service.control.client import ControlClient
-from appliance.service.control.server import ControlRefused
-from appliance.storage.alarm_chain import read_log, segments
+from probewatch.appliance.service.control.allowance import BURST
+from probewatch.appliance.service.control.client import ControlClient
+from probewatch.appliance.service.control.server import ControlRefused
+from probewatch.appliance.storage.alarm_chain import read_log, segments
 from tests.support.demo_cart import Cart
 from tests.support.polling import until
 from tests.support.signals import family, stop

@@ -11,13 +11,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.errors import DeviceLost
+from probewatch.drivers.errors import DeviceLost
+from probewatch.tools.shared.feed import Feed
+from probewatch.tools.simulators.whole_cart import Part
 from tests.support.answers import answered
 from tests.support.demo_cart import Cart
 from tests.support.polling import until
 from tests.support.web_page import WebPage
-from tools.shared.feed import Feed
-from tools.simulators.whole_cart import Part
 
 ALARMS = 24
 """In each half of a run; a turn takes some 1.5 s."""
@@ -27,15 +27,15 @@ NICE = ["/usr/bin/nice", "-n", "10"]
 READER = """
 import sys
 from pathlib import Path
-from appliance.service.feed.request import FeedRequest
-from tools.shared.feed import Feed
+from probewatch.appliance.service.feed.request import FeedRequest
+from probewatch.tools.shared.feed import Feed
 for message in Feed(Path(sys.argv[1]), FeedRequest(every=int(sys.argv[2]))):
     pass
 """
 SLEEPER = """
 import sys, time
 from pathlib import Path
-from tools.shared.feed import Feed
+from probewatch.tools.shared.feed import Feed
 feed = Feed(Path(sys.argv[1]))
 time.sleep(600)
 """

@@ -16,15 +16,15 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Page
 
-from appliance.configuration.config import load_config
+from probewatch.appliance.configuration.config import load_config
+from probewatch.tools.shared.configuration_text import template
+from probewatch.tools.simulators.whole_cart import Event, status_of
 from tests.support.browser import CHROMIUM, begins, chromium
 from tests.support.demo_cart import PROBEWATCH
 from tests.support.drawn import draw_terminal, draws
 from tests.support.person import Person
 from tests.support.polling import until
 from tests.support.web_page import WebPage
-from tools.shared.configuration_text import template
-from tools.simulators.whole_cart import Event, status_of
 
 LONGEST_S = 600.0
 """What the whole day may take."""

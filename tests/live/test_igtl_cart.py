@@ -10,13 +10,13 @@ from pathlib import Path
 
 import pytest
 
-from drivers.openigtlink.content import OK, parse_status
+from probewatch.drivers.openigtlink.content import OK, parse_status
+from probewatch.tools.simulators.whole_cart import SERVER
 from tests.live.test_demo import Demo, folder  # noqa: F401  a fixture
 from tests.live.test_failures import family, stop
 from tests.support.demo_cart import PROBEWATCH, Cart
 from tests.support.igtl_listener import Listener
 from tests.support.polling import until
-from tools.simulators.whole_cart import SERVER
 
 TICK_S = 0.05
 """Of the service: within it the board takes what the tick has decided."""

@@ -18,21 +18,21 @@ from threading import Event
 import numpy as np
 import pytest
 
-from drivers.clock.host_clock import HostClock
-from drivers.openigtlink import content
-from drivers.openigtlink.image import parse_image
-from drivers.openigtlink.message import Message
-from drivers.registry import open_tracker, open_video
-from drivers.samples import PoseStatus
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.openigtlink import content
+from probewatch.drivers.openigtlink.image import parse_image
+from probewatch.drivers.openigtlink.message import Message
+from probewatch.drivers.registry import open_tracker, open_video
+from probewatch.drivers.samples import PoseStatus
+from probewatch.tools.openigtlink.passage import Passage
+from probewatch.tools.openigtlink.server import StateServer
+from probewatch.tools.shared.status_watch import StatusWatch
 from tests.support.answering import Answering
 from tests.support.example_status import MATRIX, OPEN, example_status
 from tests.support.igtl_listener import Listener
 from tests.support.polling import until
 from tests.support.scripted_feed import ScriptedFeed
 from tests.support.simulated import PROBEWATCH
-from tools.openigtlink.passage import Passage
-from tools.openigtlink.server import StateServer
-from tools.shared.status_watch import StatusWatch
 
 EXAMPLES = Path("/usr/share/doc/openigtlink-examples/examples")
 PROGRAMS = {

@@ -11,15 +11,15 @@ from pathlib import Path
 
 import pytest
 
-from appliance.supervision.supervisor import LATCHED
-from appliance.types import State
-from drivers.openigtlink.content import OK, parse_status
-from drivers.openigtlink.message import Message
+from probewatch.appliance.supervision.supervisor import LATCHED
+from probewatch.appliance.types import State
+from probewatch.drivers.openigtlink.content import OK, parse_status
+from probewatch.drivers.openigtlink.message import Message
+from probewatch.tools.demo.director import Director
+from probewatch.tools.demo.script import default_plan
 from tests.support.demo_cart import PROBEWATCH, Cart
 from tests.support.igtl_listener import Listener
 from tests.support.polling import until
-from tools.demo.director import Director
-from tools.demo.script import default_plan
 
 TICK_S = 0.05
 """Of the service: within it the board takes what the tick has decided."""
@@ -98,7 +98,7 @@ def test_ok_is_never_said_of_a_time_at_which_the_contact_was_open(
 ) -> None:
     """By the time that each STATUS is true for, and the relay board's own clock, through every fault of the demo."""
     for timeout in ("_FIRST_S", "LONGEST_RECOVERY_S"):  # how soon it verifies is not asked here
-        monkeypatch.setattr(f"tools.demo.director.{timeout}", LONGEST_S)
+        monkeypatch.setattr(f"probewatch.tools.demo.director.{timeout}", LONGEST_S)
     plan = default_plan()
     director = Director(plan)
     with Cart(tmp_path, seed=1) as cart:

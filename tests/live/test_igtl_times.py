@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from drivers.registry import open_tracker
-from drivers.samples import PoseStatus
+from probewatch.drivers.registry import open_tracker
+from probewatch.drivers.samples import PoseStatus
 from tests.support.simulated_igtl import bench
 
 RATE = 0.2

@@ -15,9 +15,9 @@ from typing import Any
 import pytest
 import yaml
 
+from probewatch.tools.simulators.whole_cart import Part
 from tests.support.demo_cart import PROBEWATCH, Cart
 from tests.support.polling import until
-from tools.simulators.whole_cart import Part
 
 MONITORING = Path(__file__).parents[2] / "config" / "monitoring"
 SLOW = 0.2

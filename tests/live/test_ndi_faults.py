@@ -6,17 +6,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.clock.host_clock import HostClock
-from drivers.errors import ConfigurationError
-from drivers.registry import open_tracker
-from drivers.samples import PoseStatus
-from drivers.trackers.ndi.tracker import NdiTracker
-from drivers.twins.fault_control import FaultControl, parse_fault, parse_faults
-from drivers.twins.faults import Episode, Schedule
-from drivers.twins.ndi.models import SPECTRA, VEGA, Model
-from drivers.twins.ndi.tracker import NDI_FAULTS
-from drivers.twins.optotrak.tracker import FAULTS as OPTOTRAK_FAULTS
-from drivers.twins.tool_motion import pose_file, recorded_motion
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.drivers.registry import open_tracker
+from probewatch.drivers.samples import PoseStatus
+from probewatch.drivers.trackers.ndi.tracker import NdiTracker
+from probewatch.drivers.twins.fault_control import FaultControl, parse_fault, parse_faults
+from probewatch.drivers.twins.faults import Episode, Schedule
+from probewatch.drivers.twins.ndi.models import SPECTRA, VEGA, Model
+from probewatch.drivers.twins.ndi.tracker import NDI_FAULTS
+from probewatch.drivers.twins.optotrak.tracker import FAULTS as OPTOTRAK_FAULTS
+from probewatch.drivers.twins.tool_motion import pose_file, recorded_motion
 from tests.support.recordings import plus_file
 from tests.support.simulated import matrix_of, probe_place, simulated_ndi, write_poses
 from tests.support.simulated_ndi import bench, poses, until

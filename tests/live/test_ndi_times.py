@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from drivers.samples import PoseStatus
+from probewatch.drivers.samples import PoseStatus
 from tests.support.simulated_ndi import bench, poses
 
 

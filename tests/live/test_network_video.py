@@ -10,10 +10,10 @@ from pathlib import Path
 import pytest
 import structlog
 
-from appliance.service.devices.source_thread import CaptureThread
-from drivers.clock.host_clock import HostClock
-from drivers.registry import open_video
-from drivers.samples import Frame, Sample
+from probewatch.appliance.service.devices.source_thread import CaptureThread
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.registry import open_video
+from probewatch.drivers.samples import Frame, Sample
 from tests.support.polling import until
 
 PYTHON, SCRIPT = "/usr/bin/python3", Path(__file__).parents[1] / "support" / "rtsp_server.py"

@@ -10,10 +10,10 @@ from pathlib import Path
 
 import pytest
 
+from probewatch.tools.simulators.whole_cart import Part
 from tests.support.demo_cart import PROBEWATCH, Cart
 from tests.support.polling import until
 from tests.tools.monitoring.test_mqtt import MOSQUITTO, Mosquitto, Program, Reader
-from tools.simulators.whole_cart import Part
 
 NICE = "/usr/bin/nice"
 

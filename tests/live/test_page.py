@@ -14,8 +14,8 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, BrowserContext, Page
 
-from appliance.service.control.client import ControlClient
-from appliance.storage.alarm_chain import Event, read_log
+from probewatch.appliance.service.control.client import ControlClient
+from probewatch.appliance.storage.alarm_chain import Event, read_log
 from tests.support.browser import CHROMIUM, begins, chromium, english_left, violations
 from tests.support.demo_cart import Cart
 from tests.support.polling import until

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 from markdown_it import MarkdownIt
 
+from probewatch.tools.report.pdf import write_pdf
 from tests.support.browser import CHROMIUM
-from tools.report.pdf import write_pdf
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs chromium (chromium)")
 DOCS = Path(__file__).parents[2] / "docs"

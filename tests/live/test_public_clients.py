@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from drivers.twins.ndi.tool_definitions import PROBE, REFERENCE, make_rom
+from probewatch.drivers.twins.ndi.tool_definitions import PROBE, REFERENCE, make_rom
 from tests.support.simulated import Place, matrix_of, probe_place, reference_place, simulated_ndi, write_poses
 
 RATE = "6"

@@ -11,14 +11,14 @@ from pathlib import Path
 
 import pytest
 
-from appliance.service.control.server import ControlRefused
-from appliance.storage.black_box import BlackBox
-from appliance.storage.black_box_fields import Gap, Mark, State
-from drivers.errors import DeviceLost, RecordingError
-from drivers.samples import Pose
+from probewatch.appliance.service.control.server import ControlRefused
+from probewatch.appliance.storage.black_box import BlackBox
+from probewatch.appliance.storage.black_box_fields import Gap, Mark, State
+from probewatch.drivers.errors import DeviceLost, RecordingError
+from probewatch.drivers.samples import Pose
+from probewatch.tools.recorder.run import ask
 from tests.support.demo_cart import PROBEWATCH, Cart
 from tests.support.polling import until
-from tools.recorder.run import ask
 
 
 @contextmanager

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from appliance.configuration.config import load_config
-from appliance.service.control.client import ControlClient
-from drivers.errors import ProbewatchError
+from probewatch.appliance.configuration.config import load_config
+from probewatch.appliance.service.control.client import ControlClient
+from probewatch.drivers.errors import ProbewatchError
 from tests.support.demo_cart import PROBEWATCH
 from tests.support.polling import until
 

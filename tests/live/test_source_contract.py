@@ -16,13 +16,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.clock.host_clock import HostClock
-from drivers.device_api import TrackerSource, VideoSource
-from drivers.errors import DeviceLost
-from drivers.recordings.metaimage_writing import SequenceItem, write_metaimage
-from drivers.registry import drivers, open_tracker, open_video
-from drivers.samples import Frame, Pose, PoseStatus
-from drivers.twins.scene.world import World
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.device_api import TrackerSource, VideoSource
+from probewatch.drivers.errors import DeviceLost
+from probewatch.drivers.recordings.metaimage_writing import SequenceItem, write_metaimage
+from probewatch.drivers.registry import drivers, open_tracker, open_video
+from probewatch.drivers.samples import Frame, Pose, PoseStatus
+from probewatch.drivers.twins.scene.world import World
 from tests.support.polling import until
 from tests.support.rigs import Rig, rigs
 from tests.support.simulated import PROBEWATCH

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from appliance.service.control.client import ControlClient
+from probewatch.appliance.service.control.client import ControlClient
 from tests.support.demo_cart import Cart
 from tests.support.polling import until
 

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from drivers.clock.host_clock import HostClock
-from drivers.device_api import TrackerSource
-from drivers.registry import open_tracker
-from drivers.twins.ndi.tool_definitions import PROBE, REFERENCE, make_rom
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.device_api import TrackerSource
+from probewatch.drivers.registry import open_tracker
+from probewatch.drivers.twins.ndi.tool_definitions import PROBE, REFERENCE, make_rom
 from tests.support.simulated import simulated_ndi
 
 SETTLED_S = 2.0

@@ -11,11 +11,11 @@ from pathlib import Path
 
 import pytest
 
-from appliance.service.devices.source_thread import TrackerThread
-from drivers.device_api import TrackerSource
-from drivers.errors import DeviceLost
-from drivers.registry import open_tracker
-from drivers.samples import Pose, PoseStatus
+from probewatch.appliance.service.devices.source_thread import TrackerThread
+from probewatch.drivers.device_api import TrackerSource
+from probewatch.drivers.errors import DeviceLost
+from probewatch.drivers.registry import open_tracker
+from probewatch.drivers.samples import Pose, PoseStatus
 from tests.support.polling import until
 from tests.support.rigs import Bench, lines
 

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from appliance.core.handeye.motions import HandEye, Motions
-from appliance.core.handeye.scaled_rotation import solve_scaled_rotation
-from drivers.rigid import vector_from_rotation
+from probewatch.appliance.core.handeye.motions import HandEye, Motions
+from probewatch.appliance.core.handeye.scaled_rotation import solve_scaled_rotation
+from probewatch.drivers.rigid import vector_from_rotation
 from tests.paper.solvers.likelihood import TrackerNoise, refine
 from tests.paper.solvers.norm_constraint import solve_norm_constraint
 from tests.paper.solvers.planar import solve_planar

@@ -5,12 +5,12 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from appliance.core.handeye.motions import HandEye, Motions
-from appliance.core.handeye.scaled_rotation import solve_scaled_rotation
-from appliance.core.path.samples import PathSamples
-from appliance.core.path.solver import Prior, solve
-from appliance.types import Calibration
-from drivers.rigid import Array, rotation_from_vector
+from probewatch.appliance.core.handeye.motions import HandEye, Motions
+from probewatch.appliance.core.handeye.scaled_rotation import solve_scaled_rotation
+from probewatch.appliance.core.path.samples import PathSamples
+from probewatch.appliance.core.path.solver import Prior, solve
+from probewatch.appliance.types import Calibration
+from probewatch.drivers.rigid import Array, rotation_from_vector
 from tests.paper.matching import Pairs, first, first_pictures, keyframe_chain
 from tests.paper.solvers.norm_constraint import solve_norm_constraint
 from tests.paper.sweeps import SCALE, SIZE_PX, Sweep, X, sweep

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from appliance.core.handeye.motions import Motions
-from appliance.core.path.samples import PathSamples
-from appliance.core.registration.keyframe import Keyframe, compose
-from appliance.core.registration.pyramid import pyramid
+from probewatch.appliance.core.handeye.motions import Motions
+from probewatch.appliance.core.path.samples import PathSamples
+from probewatch.appliance.core.registration.keyframe import Keyframe, compose
+from probewatch.appliance.core.registration.pyramid import pyramid
 from tests.paper.sweeps import FPS, SCALE, Sweep
 
 ASPECT = float(SCALE[1] / SCALE[0])

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from drivers.rigid import Array, rigid, rotation_from_vector
-from drivers.samples import GreyImage
-from drivers.twins.scene.world import World, WorldSettings
+from probewatch.drivers.rigid import Array, rigid, rotation_from_vector
+from probewatch.drivers.samples import GreyImage
+from probewatch.drivers.twins.scene.world import World, WorldSettings
 
 FPS = 33.0
 SPEED_MM_PER_S = 3.0

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from appliance.core.handeye.motions import Motions, nearest_polarity, rodrigues_rad
-from appliance.core.handeye.scaled_rotation import solve_scaled_rotation
-from drivers.rigid import Array
+from probewatch.appliance.core.handeye.motions import Motions, nearest_polarity, rodrigues_rad
+from probewatch.appliance.core.handeye.scaled_rotation import solve_scaled_rotation
+from probewatch.drivers.rigid import Array
 from tests.paper.matching import Pairs
 from tests.paper.solvers.norm_constraint import solve_norm_constraint
 from tests.paper.sweeps import X, sweep

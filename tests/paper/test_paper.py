@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from appliance.core.path.solver import Prior, solve
-from appliance.types import Calibration
+from probewatch.appliance.core.path.solver import Prior, solve
+from probewatch.appliance.types import Calibration
 from tests.paper import figure4, table1
 from tests.paper.__main__ import PAGE, main
 from tests.paper.matching import Pairs, first_pictures, keyframe_chain

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from appliance.core.handeye.freehand import freehand, solve_freehand
-from appliance.core.handeye.motions import UNKNOWN, HandEye, Motions, nearest_polarity, rodrigues_rad
-from appliance.core.handeye.observability import observability
-from appliance.core.handeye.scaled_rotation import scaled_rotation, solve_scaled_rotation
-from appliance.core.handeye.sums import Sums
+from probewatch.appliance.core.handeye.freehand import freehand, solve_freehand
+from probewatch.appliance.core.handeye.motions import UNKNOWN, HandEye, Motions, nearest_polarity, rodrigues_rad
+from probewatch.appliance.core.handeye.observability import observability
+from probewatch.appliance.core.handeye.scaled_rotation import scaled_rotation, solve_scaled_rotation
+from probewatch.appliance.core.handeye.sums import Sums
 from tests.paper.solvers.averaging import average
 from tests.paper.solvers.homogeneous import solve_null_space, solve_two_step
 from tests.paper.solvers.likelihood import TrackerNoise, refine

@@ -12,7 +12,10 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 BASE, LANDED = "PROBEWATCH_GATE_BASE", "origin/main"
-_OF_ALL = ("pyproject.toml", "Makefile", ".ci/run", "requirements-dev.lock", "tests/rules/changed.py")
+_OF_ALL = (
+    *("pyproject.toml", "Makefile", ".ci/run", "requirements-dev.lock", "tests/rules/changed.py"),
+    "tools/development/package",
+)
 ABOUT = {
     "mutation": (
         *("appliance/supervision", "appliance/limits.py", "appliance/types.py", "appliance/service/host"),

@@ -16,8 +16,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from probewatch.tools.shared.interruption import said_when_interrupted
 from tests.rules.third import CHOSEN
-from tools.shared.interruption import said_when_interrupted
 
 ROOT = Path(__file__).parents[2]
 _OF_EVERY_GATE = "not thorough and not slow and not cart and not deb"
@@ -153,8 +153,9 @@ def copied(target: Path) -> Path:
 
 def judged(copy: Path, tests: Sequence[str]) -> tuple[int, list[str], str]:
     """(pytest's exit code, tests that failed, all that it said) in the copy; -1 where it did not test the copy."""
-    environment = os.environ | {"PYTHONPATH": str(copy), "PYTHONDONTWRITEBYTECODE": "1", "CI": "", CHOSEN: ""}
-    ask = [sys.executable, "-c", "import appliance; print(appliance.__file__)"]
+    path = f"{copy / 'tools/development/package'}{os.pathsep}{copy}"
+    environment = os.environ | {"PYTHONPATH": path, "PYTHONDONTWRITEBYTECODE": "1", "CI": "", CHOSEN: ""}
+    ask = [sys.executable, "-c", "import probewatch.appliance as one; print(one.__file__)"]
     where = subprocess.run(ask, cwd=copy, env=environment, capture_output=True, text=True, check=False).stdout
     if not Path(where.strip()).is_relative_to(copy):
         return -1, [], f"tests would import {where.strip()}, which is not of the copy"

@@ -34,7 +34,7 @@ import pytest
 import statemachine  # noqa: F401
 from hypothesis import Phase, settings
 
-import appliance.limits  # noqa: F401
+import probewatch.appliance.limits  # noqa: F401
 from tests.rules.reached import Line, Reach, Reached
 
 ROOT = Path(__file__).parents[2]
@@ -110,7 +110,7 @@ class Mutant:
 
     @property
     def name(self) -> str:
-        return f"appliance.supervision.{self.module}"
+        return f"probewatch.appliance.supervision.{self.module}"
 
     def reached_by(self, reaches: Reaches) -> dict[str, float]:
         """Test → how much of the processor it takes, in s."""
@@ -362,7 +362,7 @@ def survivors(work: Sequence[Mutant], reaches: Reaches, limit_s: int) -> Iterato
 def main() -> None:
     os.chdir(ROOT)
     os.environ["PYTEST_DISABLE_PLUGIN_AUTOLOAD"] = "1"
-    early = [one for one in MODULES if f"appliance.supervision.{one}" in sys.modules]
+    early = [one for one in MODULES if f"probewatch.appliance.supervision.{one}" in sys.modules]
     assert not early, f"imported before it can be changed: {early}"
     gc.freeze()
     began_s = time.monotonic()

@@ -10,7 +10,7 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from tools.shared.interruption import said_when_interrupted
+from probewatch.tools.shared.interruption import said_when_interrupted
 
 ROOT = Path(__file__).parents[2]
 PARTS = (

@@ -98,7 +98,7 @@ def imported(files: Iterable[str]) -> set[str]:
             names = [one.name for one in getattr(node, "names", ())] if isinstance(node, ast.Import) else []
             if isinstance(node, ast.ImportFrom) and node.module:
                 names = [node.module, *(f"{node.module}.{one.name}" for one in node.names)]
-            for path in (Path(*name.split(".")) for name in names):
+            for path in (Path(*name.removeprefix("probewatch.").split(".")) for name in names):
                 left += [path.with_suffix(".py"), *(part / "__init__.py" for part in (path, *path.parents))]
     return seen
 

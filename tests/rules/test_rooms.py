@@ -9,21 +9,22 @@ from pathlib import Path
 
 import pytest
 
-from drivers.registry import drivers
+from probewatch.drivers.registry import drivers
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("appliance", "drivers", "tools")
+PACKAGE = ROOT / "tools/development/package/probewatch"
 LEAVES = frozenset({"samples", "rigid", "errors", "printable"})
 """Modules of the drivers that are values and arithmetic alone: the pure rooms of the appliance may import them."""
 CONTRACTS = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
 
 _PAGES = ("*.md", "Makefile", "pyproject.toml", ".ci/run", "config/*", "docs/*.md", "systemd/*", "systemd/deb/*")
-_MODULE = re.compile(r"(?<![\w./-])(?:appliance|drivers|tools|tests)(?:\.(?!py\b)[A-Za-z]\w*)+")
+_MODULE = re.compile(r"(?<![\w./-])(?:(?:probewatch\.)?(?:appliance|drivers|tools)|tests)(?:\.(?!py\b)[A-Za-z]\w*)+")
 _PATH = re.compile(r"(?<![\w./-])(?:appliance|drivers|tools|tests|systemd|docs|config)/[\w./*-]*\w(?![\w{])")
 
 
 def folders(*tops: str) -> list[Path]:
-    found = [path for top in tops for path in (ROOT / top).rglob("*.py")]
+    found = [path for top in tops for path in (ROOT / top).rglob("*.py") if PACKAGE not in path.parents]
     return sorted({path.parent.relative_to(ROOT) for path in found if "__pycache__" not in path.parts})
 
 
@@ -51,7 +52,7 @@ def test_a_folder_of_tests_is_a_package(folder: Path) -> None:
 @pytest.mark.parametrize("folder", [one for one in folders(*PACKAGES) if has_rooms(one)], ids=str)
 def test_what_holds_rooms_has_a_contract_that_leaves_none_out(folder: Path) -> None:
     """Layers that name each, or no one may know another, whatever it is called, but for what several share."""
-    container = ".".join(folder.parts)
+    container = ".".join(("probewatch", *folder.parts))
     if any(one["type"] == "independence" and one["modules"] == [f"{container}.*"] for one in CONTRACTS):
         return
     found = [one for one in CONTRACTS if one.get("containers") == [container]]
@@ -69,7 +70,7 @@ def test_what_holds_rooms_has_a_contract_that_leaves_none_out(folder: Path) -> N
 def test_what_devices_share_is_there_and_is_no_device(contract: dict[str, list[str]]) -> None:
     """A file that is let in must be shared by several of the room, or a device could hide among them."""
     (modules,) = contract["modules"]
-    room = Path(*modules.removesuffix(".*").split("."))
+    room = Path(*modules.removeprefix("probewatch.").removesuffix(".*").split("."))
     devices = {driver.module for driver in drivers().values()}
     for line in contract["ignore_imports"]:
         _, _, shared = line.removesuffix(".**").partition(" -> ")
@@ -78,8 +79,9 @@ def test_what_devices_share_is_there_and_is_no_device(contract: dict[str, list[s
 
 
 def test_the_pure_rooms_may_take_nothing_but_values_of_the_drivers() -> None:
-    (contract,) = (one for one in CONTRACTS if "appliance.core" in one.get("source_modules", ()))
-    forbidden = {name.partition(".")[2] for name in contract["forbidden_modules"] if name.startswith("drivers.")}
+    (contract,) = (one for one in CONTRACTS if "probewatch.appliance.core" in one.get("source_modules", ()))
+    within = "probewatch.drivers."
+    forbidden = {name.removeprefix(within) for name in contract["forbidden_modules"] if name.startswith(within)}
     assert forbidden == children(Path("drivers")) - LEAVES
 
 
@@ -102,7 +104,7 @@ def texts() -> Iterator[tuple[Path, str]]:
 @cache
 def is_there(name: str) -> bool:
     """A module, or something that its file mentions."""
-    parts = name.split(".")
+    parts = name.removeprefix("probewatch.").split(".")
     for count in range(len(parts), 0, -1):
         place = ROOT.joinpath(*parts[:count])
         file = place / "__init__.py" if place.is_dir() else place.with_suffix(".py")
@@ -112,10 +114,10 @@ def is_there(name: str) -> bool:
 
 
 def test_a_name_that_leads_nowhere_is_seen() -> None:
-    assert is_there("drivers.samples")
-    assert is_there("drivers.samples.Pose")
+    assert is_there("probewatch.drivers.samples")
+    assert is_there("probewatch.drivers.samples.Pose")
     assert not is_there("drivers." + "sample")
-    assert not is_there("drivers.samples." + "Posture")
+    assert not is_there("probewatch.drivers.samples." + "Posture")
 
 
 def test_every_module_and_path_that_a_page_or_the_code_names_is_there() -> None:

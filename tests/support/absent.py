@@ -1,6 +1,16 @@
 """URLs of devices that are not there, one for each kind of thing that a URL can name."""
 
-from drivers.descriptor import FILM, GPIO_CHIP, HOST, RECORDING, SERIAL_PORT, SOCKET, SOUND_CARD, VIDEO_NODE, Driver
+from probewatch.drivers.descriptor import (
+    FILM,
+    GPIO_CHIP,
+    HOST,
+    RECORDING,
+    SERIAL_PORT,
+    SOCKET,
+    SOUND_CARD,
+    VIDEO_NODE,
+    Driver,
+)
 
 ABSENT = {
     SERIAL_PORT: "/dev/no-such-port",

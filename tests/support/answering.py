@@ -9,7 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Self
 
-from appliance.service.control.server import ControlRefused, ControlServer, Peer
+from probewatch.appliance.service.control.server import ControlRefused, ControlServer, Peer
 
 RECORDED: dict[str, Any] = json.loads((Path(__file__).parents[1] / "data" / "status.json").read_text())
 

@@ -4,12 +4,12 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from appliance.core.estimator_settings import EstimatorSettings
-from appliance.core.line import Line
-from appliance.storage.black_box import FORMAT, BlackBoxWriter
-from appliance.storage.black_box_fields import Begun, Item, Made, State
-from appliance.types import Verdict
-from drivers.samples import Sample
+from probewatch.appliance.core.estimator_settings import EstimatorSettings
+from probewatch.appliance.core.line import Line
+from probewatch.appliance.storage.black_box import FORMAT, BlackBoxWriter
+from probewatch.appliance.storage.black_box_fields import Begun, Item, Made, State
+from probewatch.appliance.types import Verdict
+from probewatch.drivers.samples import Sample
 
 
 def begun(t_ns: int, session: str = "test", part: int = 1, text: str = "kept") -> Begun:

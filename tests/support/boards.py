@@ -6,9 +6,9 @@ from pathlib import Path
 from threading import Event, Thread
 from typing import Any
 
-from drivers.clock.host_clock import HostClock
-from drivers.twins.pty_line import PtyLine
-from drivers.twins.relay_board import RelayBoard
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.twins.pty_line import PtyLine
+from probewatch.drivers.twins.relay_board import RelayBoard
 
 
 @contextmanager

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import click
 
-from tools.cli import probewatch
+from probewatch.tools.cli import probewatch
 
 
 def commands(

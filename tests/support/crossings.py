@@ -3,9 +3,9 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from appliance.crosswire.scan import View
-from appliance.crosswire.whole import WholeSolution
-from appliance.types import Calibration
+from probewatch.appliance.crosswire.scan import View
+from probewatch.appliance.crosswire.whole import WholeSolution
+from probewatch.appliance.types import Calibration
 
 SIZE_PX = (640, 480)
 TRUE = Calibration(

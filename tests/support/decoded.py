@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from drivers.samples import Pose, PoseStatus
+from probewatch.drivers.samples import Pose, PoseStatus
 
 
 def decoded(poses: Iterable[Pose]) -> list[dict[str, Any]]:

@@ -3,9 +3,9 @@
 import cv2
 import numpy as np
 
-from appliance.core.registration.keyframe import warp_matrix
-from drivers.rigid import Array
-from drivers.samples import GreyImage
+from probewatch.appliance.core.registration.keyframe import warp_matrix
+from probewatch.drivers.rigid import Array
+from probewatch.drivers.samples import GreyImage
 
 
 def field_of(u_px: Array, alpha_rad: float, give_px: Array, shape: tuple[int, ...], aspect: float) -> Array:

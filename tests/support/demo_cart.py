@@ -7,8 +7,8 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+from probewatch.tools.simulators.whole_cart import CartSettings, Event, Part, SimulatedCart
 from tests.support.polling import until
-from tools.simulators.whole_cart import CartSettings, Event, Part, SimulatedCart
 
 _LATE_S = 5.0
 """How late this process may look: beside the carts of other tests, which go first, it waits for the processor."""

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from drivers.rigid import Array
-from drivers.samples import GreyImage
+from probewatch.drivers.rigid import Array
+from probewatch.drivers.samples import GreyImage
 
 HEIGHT, WIDTH = 480, 640
 

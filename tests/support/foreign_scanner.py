@@ -13,8 +13,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from appliance.types import Calibration
-from drivers.samples import GreyImage
+from probewatch.appliance.types import Calibration
+from probewatch.drivers.samples import GreyImage
 
 Reals = NDArray[np.float64]
 

@@ -12,11 +12,11 @@ import cv2
 import numpy as np
 import pytest
 
-from appliance.service.estimator.ring import FRAMES, Ring, RingFds
-from drivers.clock.host_clock import HostClock
-from drivers.registry import open_video
-from drivers.samples import Frame, GreyImage
-from drivers.video.v4l2.source import V4l2Video
+from probewatch.appliance.service.estimator.ring import FRAMES, Ring, RingFds
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.registry import open_video
+from probewatch.drivers.samples import Frame, GreyImage
+from probewatch.drivers.video.v4l2.source import V4l2Video
 from tests.support.simulated_v4l2 import Driver
 
 HOPS = ("read", "put", "take")

@@ -4,7 +4,7 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from appliance.core.handeye.motions import Motions
+from probewatch.appliance.core.handeye.motions import Motions
 
 ROTATION = Rotation.from_rotvec([0.62, -0.41, 0.93]).as_matrix()
 OFFSET_MM = np.array([11.0, 62.0, 14.0])

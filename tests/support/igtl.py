@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drivers.openigtlink.content import transform_content
-from drivers.openigtlink.image import Image
-from drivers.openigtlink.message import HEADER_BYTES, Header, Message, encode, parse_header, time_of
-from drivers.samples import Matrix4
+from probewatch.drivers.openigtlink.content import transform_content
+from probewatch.drivers.openigtlink.image import Image
+from probewatch.drivers.openigtlink.message import HEADER_BYTES, Header, Message, encode, parse_header, time_of
+from probewatch.drivers.samples import Matrix4
 
 _FILE = Path(__file__).parents[1] / "data" / "openigtlink-vectors.json"
 UTC_NS = 1_700_000_000_000_000_000

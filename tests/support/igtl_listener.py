@@ -5,8 +5,8 @@ import time
 from types import TracebackType
 from typing import Self
 
-from drivers.openigtlink.message import Message, encode
-from drivers.openigtlink.stream import MessageStream
+from probewatch.drivers.openigtlink.message import Message, encode
+from probewatch.drivers.openigtlink.stream import MessageStream
 
 
 class Listener:

@@ -16,7 +16,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from drivers.samples import GreyImage
+from probewatch.drivers.samples import GreyImage
 
 ROOT = Path(__file__).parents[2]
 FOLDER = Path(os.environ.get("PROBEWATCH_RENDERED") or ROOT / "build/rendered")

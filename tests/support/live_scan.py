@@ -8,15 +8,15 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, Self
 
-from appliance.limits import Limits
-from appliance.service.control.server import ControlRefused, Peer
-from appliance.service.estimator.link import EstimatorSettings, link_pair
-from appliance.service.estimator.ring import FRAMES, Ring, RingFds
-from appliance.service.estimator.tap import Subscription, Tap, TapFds
-from appliance.service.feed.server import FeedServer
-from appliance.service.host.unix_socket import listening
-from appliance.types import Calibration
-from drivers.samples import Sample
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.service.control.server import ControlRefused, Peer
+from probewatch.appliance.service.estimator.link import EstimatorSettings, link_pair
+from probewatch.appliance.service.estimator.ring import FRAMES, Ring, RingFds
+from probewatch.appliance.service.estimator.tap import Subscription, Tap, TapFds
+from probewatch.appliance.service.feed.server import FeedServer
+from probewatch.appliance.service.host.unix_socket import listening
+from probewatch.appliance.types import Calibration
+from probewatch.drivers.samples import Sample
 from tests.support.answering import Answers, recorded
 
 

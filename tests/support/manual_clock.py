@@ -5,7 +5,7 @@ import threading
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
-from drivers.clock.host_clock import HostClock
+from probewatch.drivers.clock.host_clock import HostClock
 
 _GIVEN_UP_S = 60.0
 """Of real time for which a thread may compute or wait for a device before that is no test in simulated time."""

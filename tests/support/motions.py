@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from appliance.core.path.samples import PathSamples
-from appliance.types import Calibration
-from drivers.rigid import Array, inverse, rigid, rotation_from_vector
+from probewatch.appliance.core.path.samples import PathSamples
+from probewatch.appliance.types import Calibration
+from probewatch.drivers.rigid import Array, inverse, rigid, rotation_from_vector
 
 TRUTH = Calibration(
     rotation=rotation_from_vector(np.array([0.62, -0.41, 0.93])),

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.samples import GreyImage
+from probewatch.drivers.samples import GreyImage
 
 Size = tuple[int, int]
 Random = np.random.Generator

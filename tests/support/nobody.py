@@ -11,7 +11,7 @@ from pathlib import Path
 
 from click.testing import CliRunner
 
-from tools.cli import probewatch
+from probewatch.tools.cli import probewatch
 
 NOBODY = 65534
 

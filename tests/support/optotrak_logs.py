@@ -7,11 +7,11 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from threading import Thread
 
-from drivers.clock.host_clock import HostClock
-from drivers.errors import DeviceLost
-from drivers.io.byte_log import Direction, read_log
-from drivers.samples import Pose
-from drivers.trackers.optotrak.tracker import OptotrakTracker, open_tracker
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.errors import DeviceLost
+from probewatch.drivers.io.byte_log import Direction, read_log
+from probewatch.drivers.samples import Pose
+from probewatch.drivers.trackers.optotrak.tracker import OptotrakTracker, open_tracker
 from tests.support.decoded import decoded
 from tests.support.simulated_optotrak import Bench, bench, poses
 

@@ -9,13 +9,13 @@ from typing import Any
 
 from playwright.sync_api import Browser, Page
 
-from appliance.core.quality.gesture import Gesture
-from appliance.service.control.status import alarm_fields
-from appliance.storage.alarm_log import AlarmLog
-from appliance.supervision.alarms import SIGNALS
-from appliance.types import AlarmState, Fault, State
-from drivers.samples import Frame, GreyImage, Sample, Stamp
-from drivers.twins.scene.world import WorldSettings
+from probewatch.appliance.core.quality.gesture import Gesture
+from probewatch.appliance.service.control.status import alarm_fields
+from probewatch.appliance.storage.alarm_log import AlarmLog
+from probewatch.appliance.supervision.alarms import SIGNALS
+from probewatch.appliance.types import AlarmState, Fault, State
+from probewatch.drivers.samples import Frame, GreyImage, Sample, Stamp
+from probewatch.drivers.twins.scene.world import WorldSettings
 from tests.support.answering import Answering, recorded
 from tests.support.browser import chromium
 from tests.support.live_scan import Scan

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from drivers.samples import GreyImage
-from drivers.twins.faults import blank_image
+from probewatch.drivers.samples import GreyImage
+from probewatch.drivers.twins.faults import blank_image
 
 
 @dataclass(frozen=True)

@@ -5,9 +5,9 @@ import tempfile
 from contextlib import suppress
 from pathlib import Path
 
-from drivers.clock.host_clock import HostClock
-from drivers.errors import DeviceLost
-from drivers.registry import open_tracker
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.errors import DeviceLost
+from probewatch.drivers.registry import open_tracker
 from tests.support.decoded import decoded
 from tests.support.simulated import probe_place, reference_place, simulated_ndi, write_poses
 

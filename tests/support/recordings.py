@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.recordings.metaimage_writing import SequenceItem
-from drivers.samples import Frame, GreyImage, Matrix4, Pose
+from probewatch.drivers.recordings.metaimage_writing import SequenceItem
+from probewatch.drivers.samples import Frame, GreyImage, Matrix4, Pose
 
 SIZE_PX = (7, 5)
 REPLAYED_PX = (48, 32)

@@ -5,12 +5,12 @@ from functools import cache
 
 import numpy as np
 
-from appliance.core.registration.keyframe import warp_matrix
-from appliance.core.registration.overlay import OverlayMask
-from appliance.core.registration.pyramid import Pyramid, pyramid
-from drivers.rigid import Array, inverse, rigid, rotation_from_vector
-from drivers.samples import GreyImage, Matrix4
-from drivers.twins.scene.world import World, WorldSettings
+from probewatch.appliance.core.registration.keyframe import warp_matrix
+from probewatch.appliance.core.registration.overlay import OverlayMask
+from probewatch.appliance.core.registration.pyramid import Pyramid, pyramid
+from probewatch.drivers.rigid import Array, inverse, rigid, rotation_from_vector
+from probewatch.drivers.samples import GreyImage, Matrix4
+from probewatch.drivers.twins.scene.world import World, WorldSettings
 
 FULL = WorldSettings()
 SMALL = WorldSettings(width_px=320, height_px=240, scale_mm_per_px=(0.08, 0.07))

@@ -6,8 +6,8 @@ from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 
-from appliance.service.feed.request import FeedRequest
-from tools.shared.feed import Feed
+from probewatch.appliance.service.feed.request import FeedRequest
+from probewatch.tools.shared.feed import Feed
 
 PLACES = {
     "/var/lib/probewatch": "alarm log",

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-from drivers.clock.host_clock import HostClock
+from probewatch.drivers.clock.host_clock import HostClock
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from drivers.samples import GreyImage
+from probewatch.drivers.samples import GreyImage
 
 HEIGHT, WIDTH = 360, 480
 TISSUE = np.s_[20:340, 90:390]

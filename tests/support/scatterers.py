@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.samples import GreyImage
+from probewatch.drivers.samples import GreyImage
 
 Reals = NDArray[np.float32]
 

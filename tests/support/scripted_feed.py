@@ -8,15 +8,15 @@ from pathlib import Path
 
 import numpy as np
 
-from appliance.core.estimator_settings import EstimatorSettings
-from appliance.limits import Limits
-from appliance.service.estimator.link import link_pair
-from appliance.service.estimator.ring import FRAMES, Ring, RingFds
-from appliance.service.estimator.tap import FeedCounts, Subscription, Tap, TapFds
-from appliance.service.feed.server import FeedServer
-from appliance.service.host.unix_socket import connected, listening
-from appliance.types import Calibration
-from drivers.samples import Frame, Pose, PoseStatus, Stamp
+from probewatch.appliance.core.estimator_settings import EstimatorSettings
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.service.estimator.link import link_pair
+from probewatch.appliance.service.estimator.ring import FRAMES, Ring, RingFds
+from probewatch.appliance.service.estimator.tap import FeedCounts, Subscription, Tap, TapFds
+from probewatch.appliance.service.feed.server import FeedServer
+from probewatch.appliance.service.host.unix_socket import connected, listening
+from probewatch.appliance.types import Calibration
+from probewatch.drivers.samples import Frame, Pose, PoseStatus, Stamp
 
 SHIFT_NS = 40_000_000
 """Samples were true so long before they are told."""

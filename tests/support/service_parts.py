@@ -10,14 +10,14 @@ from itertools import count
 from types import TracebackType
 from typing import Any, Self
 
-from appliance.limits import Limits
-from appliance.service.estimator.link import LinkClosed
-from appliance.service.estimator.loop import Estimator, MakeLine
-from appliance.service.estimator.process_host import EstimatorHost
-from appliance.service.estimator.ring import FRAMES, POSES, Ring, RingFds
-from drivers.clock.host_clock import HostClock
-from drivers.errors import DeviceLost
-from drivers.samples import Sample
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.service.estimator.link import LinkClosed
+from probewatch.appliance.service.estimator.loop import Estimator, MakeLine
+from probewatch.appliance.service.estimator.process_host import EstimatorHost
+from probewatch.appliance.service.estimator.ring import FRAMES, POSES, Ring, RingFds
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.errors import DeviceLost
+from probewatch.drivers.samples import Sample
 
 LOOK_MS = 5
 ERR_NS = 100_000

@@ -4,11 +4,11 @@ from collections.abc import Iterator
 from functools import cache
 from hashlib import sha256
 
-from appliance.limits import Limits, RequiredAges
-from drivers.samples import Frame, GreyImage, Matrix4, Pose, PoseStatus, Sample, Stamp
-from drivers.twins.faults import Schedule, frozen_image, pose_time_s, spoil_pose
-from drivers.twins.scene.sight import Sight
-from drivers.twins.scene.world import World, WorldSettings
+from probewatch.appliance.limits import Limits, RequiredAges
+from probewatch.drivers.samples import Frame, GreyImage, Matrix4, Pose, PoseStatus, Sample, Stamp
+from probewatch.drivers.twins.faults import Schedule, frozen_image, pose_time_s, spoil_pose
+from probewatch.drivers.twins.scene.sight import Sight
+from probewatch.drivers.twins.scene.world import World, WorldSettings
 from tests.support.kept_pictures import folder_of, picture
 
 ORIGIN_NS = 5_000_000_000

@@ -13,13 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from drivers.samples import Matrix4
-from tools.simulators.run_with_parent import with_parent
+from probewatch.drivers.samples import Matrix4
+from probewatch.tools.simulators.run_with_parent import with_parent
 
 TETHER = with_parent()
 """Gives a simulator the priority of a simulated cart's devices: a cart in a test beside it would otherwise keep it from
 answering for longer than the 0.2 s that public clients allow."""
-PROBEWATCH = [sys.executable, "-c", "from tools.cli import main; main()"]
+PROBEWATCH = [sys.executable, "-c", "from probewatch.tools.cli import main; main()"]
 
 Place = Callable[[float], tuple[NDArray[np.float64], NDArray[np.float64]]]
 """Seconds → (quaternion, scalar first; position in mm)."""

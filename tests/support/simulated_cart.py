@@ -25,28 +25,28 @@ from typing import Any, Self, TypeVar
 import numpy as np
 import structlog
 
-from appliance.configuration.config import load_config
-from appliance.core.line import Line
-from appliance.service.control.client import ControlClient
-from appliance.service.control.deadline_worker import DeadlineWorker
-from appliance.service.control.references import References
-from appliance.service.control.rights import Onlookers
-from appliance.service.control.server import ControlRefused, ControlServer
-from appliance.service.daemon import SOONEST_NS, Daemon, Surroundings
-from appliance.service.devices.cart_devices import Openers
-from appliance.service.estimator.loop import MakeLine
-from appliance.service.host.log import configure, get_log
-from appliance.service.host.pressure import Pressure
-from appliance.storage.calibration_file import write_calibration
-from appliance.storage.image_to_probe import calibration_from_image_to_probe
-from appliance.supervision.supervisor import TICK_NS
-from drivers.registry import open_output
-from drivers.samples import Frame, Pose, PoseStatus, Stamp
-from drivers.twins.faults import FUTURE_S, Schedule, blank_image, pose_time_s, spoil_pose
-from drivers.twins.ndi.measurement import ONE_IN
-from drivers.twins.relay_board import Change
-from drivers.twins.scene.trajectory import USUAL_PROGRAM
-from drivers.twins.scene.world import World, WorldSettings
+from probewatch.appliance.configuration.config import load_config
+from probewatch.appliance.core.line import Line
+from probewatch.appliance.service.control.client import ControlClient
+from probewatch.appliance.service.control.deadline_worker import DeadlineWorker
+from probewatch.appliance.service.control.references import References
+from probewatch.appliance.service.control.rights import Onlookers
+from probewatch.appliance.service.control.server import ControlRefused, ControlServer
+from probewatch.appliance.service.daemon import SOONEST_NS, Daemon, Surroundings
+from probewatch.appliance.service.devices.cart_devices import Openers
+from probewatch.appliance.service.estimator.loop import MakeLine
+from probewatch.appliance.service.host.log import configure, get_log
+from probewatch.appliance.service.host.pressure import Pressure
+from probewatch.appliance.storage.calibration_file import write_calibration
+from probewatch.appliance.storage.image_to_probe import calibration_from_image_to_probe
+from probewatch.appliance.supervision.supervisor import TICK_NS
+from probewatch.drivers.registry import open_output
+from probewatch.drivers.samples import Frame, Pose, PoseStatus, Stamp
+from probewatch.drivers.twins.faults import FUTURE_S, Schedule, blank_image, pose_time_s, spoil_pose
+from probewatch.drivers.twins.ndi.measurement import ONE_IN
+from probewatch.drivers.twins.relay_board import Change
+from probewatch.drivers.twins.scene.trajectory import USUAL_PROGRAM
+from probewatch.drivers.twins.scene.world import World, WorldSettings
 from tests.support.boards import running_board
 from tests.support.manual_clock import SteppedClock, TimelessClock
 from tests.support.polling import until

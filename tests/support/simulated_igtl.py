@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from threading import Event, Thread
 
-from drivers.clock.host_clock import HostClock
-from drivers.twins.fault_control import FaultControl
-from drivers.twins.faults import Episode, Schedule
-from drivers.twins.openigtlink import FAULTS, IgtlTwin
-from drivers.twins.scene.world import World
-from drivers.twins.world_sources import WorldTracker
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.twins.fault_control import FaultControl
+from probewatch.drivers.twins.faults import Episode, Schedule
+from probewatch.drivers.twins.openigtlink import FAULTS, IgtlTwin
+from probewatch.drivers.twins.scene.world import World
+from probewatch.drivers.twins.world_sources import WorldTracker
 from tests.support.rigs import Line, Rig
 
 

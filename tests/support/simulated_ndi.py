@@ -8,18 +8,18 @@ from threading import Event, Thread
 
 import numpy as np
 
-from drivers.clock.host_clock import HostClock
-from drivers.registry import open_tracker
-from drivers.samples import Matrix4, Pose, PoseStatus
-from drivers.trackers.ndi.tracker import NdiTracker
-from drivers.twins.fault_control import FaultControl
-from drivers.twins.faults import Episode, Schedule
-from drivers.twins.ndi.combined_api import CombinedApi
-from drivers.twins.ndi.models import SPECTRA, VEGA, Model
-from drivers.twins.ndi.tool_definitions import PROBE, REFERENCE, make_rom
-from drivers.twins.ndi.tracker import NDI_FAULTS, NdiTwin
-from drivers.twins.pty_line import PtyLine
-from drivers.twins.tcp_line import TcpLine
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.registry import open_tracker
+from probewatch.drivers.samples import Matrix4, Pose, PoseStatus
+from probewatch.drivers.trackers.ndi.tracker import NdiTracker
+from probewatch.drivers.twins.fault_control import FaultControl
+from probewatch.drivers.twins.faults import Episode, Schedule
+from probewatch.drivers.twins.ndi.combined_api import CombinedApi
+from probewatch.drivers.twins.ndi.models import SPECTRA, VEGA, Model
+from probewatch.drivers.twins.ndi.tool_definitions import PROBE, REFERENCE, make_rom
+from probewatch.drivers.twins.ndi.tracker import NDI_FAULTS, NdiTwin
+from probewatch.drivers.twins.pty_line import PtyLine
+from probewatch.drivers.twins.tcp_line import TcpLine
 from tests.support.rigs import Line, Rig
 
 RATE = 4.0

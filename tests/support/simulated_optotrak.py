@@ -8,14 +8,14 @@ from threading import Event, Thread
 
 import numpy as np
 
-from drivers.clock.host_clock import HostClock
-from drivers.samples import Matrix4, Pose, PoseStatus
-from drivers.trackers.optotrak.tracker import OptotrakTracker, open_tracker
-from drivers.twins.fault_control import FaultControl
-from drivers.twins.faults import Episode, Schedule
-from drivers.twins.optotrak.first_principles import Device
-from drivers.twins.optotrak.tracker import FAULTS, OptotrakTwin
-from drivers.twins.tool_motion import PROBE
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.samples import Matrix4, Pose, PoseStatus
+from probewatch.drivers.trackers.optotrak.tracker import OptotrakTracker, open_tracker
+from probewatch.drivers.twins.fault_control import FaultControl
+from probewatch.drivers.twins.faults import Episode, Schedule
+from probewatch.drivers.twins.optotrak.first_principles import Device
+from probewatch.drivers.twins.optotrak.tracker import FAULTS, OptotrakTwin
+from probewatch.drivers.twins.tool_motion import PROBE
 from tests.support.rigs import Line, Rig
 
 

@@ -10,7 +10,7 @@ from ctypes import Structure, c_int
 
 import numpy as np
 
-from drivers.video.v4l2 import abi
+from probewatch.drivers.video.v4l2 import abi
 
 _BYTES_A_PIXEL = {"YUYV": 2, "UYVY": 2, "RGB3": 3, "BGR3": 3, "MJPG": 0}
 FLAGS = abi.BUF_FLAG_TIMESTAMP_MONOTONIC | abi.BUF_FLAG_TSTAMP_SRC_SOE

@@ -10,15 +10,15 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from appliance.configuration.config import load_config
-from appliance.limits import Limits
-from appliance.service.control.references import References
-from appliance.service.estimator.loop import serve as serve_estimator
-from appliance.service.estimator.process_host import EstimatorHost
-from appliance.types import Calibration, Fault, Verdict, VerdictKind
-from drivers.clock.host_clock import HostClock
-from drivers.samples import Frame, Matrix4, PoseStatus, Sample
-from tools.commands.run import serve
+from probewatch.appliance.configuration.config import load_config
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.service.control.references import References
+from probewatch.appliance.service.estimator.loop import serve as serve_estimator
+from probewatch.appliance.service.estimator.process_host import EstimatorHost
+from probewatch.appliance.types import Calibration, Fault, Verdict, VerdictKind
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.samples import Frame, Matrix4, PoseStatus, Sample
+from probewatch.tools.commands.run import serve
 
 _COMMAND = (sys.executable, "-m", "tests.support.stand_in_daemon")
 _NEAR_NS = 200_000_000

@@ -3,10 +3,10 @@
 import sys
 import time
 
-from appliance.limits import Limits
-from appliance.service.estimator.loop import serve
-from appliance.types import Calibration, Check, Fault, Verdict, VerdictKind
-from drivers.samples import Frame, Matrix4, Sample
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.service.estimator.loop import serve
+from probewatch.appliance.types import Calibration, Check, Fault, Verdict, VerdictKind
+from probewatch.drivers.samples import Frame, Matrix4, Sample
 
 OK, FAULT, CRASH, HANG, SILENT, LIMITS = range(1, 7)
 

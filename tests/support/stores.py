@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 import structlog
 
-from appliance.configuration.config import Config, load_config
-from appliance.service.control.references import References
-from appliance.service.host.log import configure
-from appliance.storage.alarm_chain import digest_of
-from appliance.storage.calibration_file import write_calibration
-from appliance.storage.reference import Reference
-from appliance.storage.reference_store import FOLDER, HISTORY, History, read_history
-from appliance.types import Calibration
+from probewatch.appliance.configuration.config import Config, load_config
+from probewatch.appliance.service.control.references import References
+from probewatch.appliance.service.host.log import configure
+from probewatch.appliance.storage.alarm_chain import digest_of
+from probewatch.appliance.storage.calibration_file import write_calibration
+from probewatch.appliance.storage.reference import Reference
+from probewatch.appliance.storage.reference_store import FOLDER, HISTORY, History, read_history
+from probewatch.appliance.types import Calibration
 from tests.support.polling import until
 
 SIZE_PX = (640, 480)

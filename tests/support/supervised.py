@@ -2,8 +2,8 @@
 
 import pytest
 
-from appliance.supervision.supervisor import Durations, Inputs, Request, Supervisor
-from appliance.types import AlarmState, Check, Fault, State, Verdict, VerdictKind
+from probewatch.appliance.supervision.supervisor import Durations, Inputs, Request, Supervisor
+from probewatch.appliance.types import AlarmState, Check, Fault, State, Verdict, VerdictKind
 
 S_NS = 1_000_000_000
 TICK_NS = 50_000_000

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.twins.scene.world import World, WorldSettings
+from probewatch.drivers.twins.scene.world import World, WorldSettings
 from tests.support import kept_pictures
 from tests.support.sessions import KeptWorld
 

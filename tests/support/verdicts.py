@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from appliance.types import Fault, Verdict
+from probewatch.appliance.types import Fault, Verdict
 
 
 def faults(verdicts: Sequence[Verdict]) -> list[Fault]:

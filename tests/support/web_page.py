@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from probewatch.tools.page.token_socket import invitation
+from probewatch.tools.simulators.whole_cart import Part
 from tests.support.demo_cart import PROBEWATCH
 from tests.support.polling import until
-from tools.page.token_socket import invitation
-from tools.simulators.whole_cart import Part
 
 
 class WebPage:

@@ -4,10 +4,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from appliance.core.path.window import PathWindow
-from appliance.types import Calibration, Motion, MotionKind
-from drivers.rigid import Array, rigid, rotation_from_vector
-from drivers.samples import Stamp
+from probewatch.appliance.core.path.window import PathWindow
+from probewatch.appliance.types import Calibration, Motion, MotionKind
+from probewatch.drivers.rigid import Array, rigid, rotation_from_vector
+from probewatch.drivers.samples import Stamp
 from tests.support.motions import TRUTH, picture_path
 
 ORIGIN_NS = 7_000_000_000

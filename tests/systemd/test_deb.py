@@ -85,7 +85,7 @@ def test_it_asks_for_the_python_that_it_was_built_for(package: Path, tree: Path)
     minor = int((tree / OPT / "bin/python3").readlink().name.rpartition(".")[2])
     needed = said("dpkg-deb", "-f", package, "Depends")
     assert f"python3 (>= 3.{minor}), python3 (<< 3.{minor + 1})" in needed
-    assert (tree / OPT / f"lib/python3.{minor}/site-packages/appliance").is_dir()
+    assert (tree / OPT / f"lib/python3.{minor}/site-packages/probewatch/appliance").is_dir()
 
 
 def test_the_configuration_is_one_that_dpkg_keeps_and_that_says_it_is_to_be_adapted(package: Path, tree: Path) -> None:
@@ -93,7 +93,7 @@ def test_the_configuration_is_one_that_dpkg_keeps_and_that_says_it_is_to_be_adap
     configuration = (tree / "etc/probewatch/probewatch.toml").read_text()
     assert "\nconfigured = false\n" in configuration
     assert "sim:" not in configuration
-    (begins,) = (tree / OPT).glob("lib/python3.*/site-packages/tools/shared/probewatch.toml")
+    (begins,) = (tree / OPT).glob("lib/python3.*/site-packages/probewatch/tools/shared/probewatch.toml")
     assert not begins.is_symlink(), "with what `probewatch configure` begins where the file is gone"
     assert begins.read_text() == configuration.replace("\nconfigured = false\n", "\n# configured = true\n")
 
@@ -111,6 +111,15 @@ def test_its_list_of_parts_names_every_distribution_in_it(package: Path, tree: P
         assert part["hashes"][0]["content"] == hashlib.sha256((site / part["name"]).read_bytes()).hexdigest()
 
 
+def test_it_brings_one_import_name(tree: Path) -> None:
+    """`tools` or `drivers` there would stand in the way of whoever has packages of that name."""
+    (site,) = (tree / OPT / "lib").glob("python3.*/site-packages")
+    (own,) = (one for one in distributions(path=[str(site)]) if one.name == "probewatch")
+    brought = {file.parts[0] for file in own.files or () if "dist-info" not in file.parts[0]}
+    assert {name for name in brought if not name.startswith("..")} == {"probewatch"}
+    assert not (site / "probewatch/tools/development").exists()
+
+
 def test_every_command_runs_as_it_was_packed(tree: Path) -> None:
     program = (python(tree), tree / OPT / "bin/probewatch")
     overview = said(*program, "--help")
@@ -120,6 +129,7 @@ def test_every_command_runs_as_it_was_packed(tree: Path) -> None:
 
 
 def test_its_libraries_are_those_of_this_machine(tree: Path) -> None:
-    imports = "import appliance.core.line, appliance.core.registration.compiled, cv2, gpiod, scipy.linalg"
-    where = said(python(tree), "-I", "-c", f"{imports}; print(appliance.__file__)")
+    own = "probewatch.appliance.core.line, probewatch.appliance.core.registration.compiled"
+    imports = f"import {own}, cv2, gpiod, scipy.linalg"
+    where = said(python(tree), "-I", "-c", f"{imports}; print(probewatch.__file__)")
     assert where.startswith(str(tree.resolve())), where

@@ -21,8 +21,8 @@ import build  # noqa: E402  a script beside the package's files, not a package
 import documents  # noqa: E402
 import sbom  # noqa: E402
 
-from tools.cli import _COMMANDS as COMMANDS  # noqa: E402
-from tools.commands.simulate import _DEVICES  # noqa: E402
+from probewatch.tools.cli import _COMMANDS as COMMANDS  # noqa: E402
+from probewatch.tools.commands.simulate import _DEVICES  # noqa: E402
 
 _CALIBRATION = ("back", "diff", "export", "import", "list", "measured", "recover", "reset", "show", "use")
 PAGES = documents.man_pages("9.9", "2026-01-02")

@@ -19,14 +19,14 @@ from typing import Any
 
 import pytest
 
-from appliance.configuration.config import Alarm, Config, Control, Feed, Recorder
-from appliance.service.control.rights import Onlookers
-from appliance.service.control.server import ControlServer
-from appliance.service.feed.process_host import FeedHost
+from probewatch.appliance.configuration.config import Alarm, Config, Control, Feed, Recorder
+from probewatch.appliance.service.control.rights import Onlookers
+from probewatch.appliance.service.control.server import ControlServer
+from probewatch.appliance.service.feed.process_host import FeedHost
+from probewatch.tools.page.token_socket import Door
 from tests.appliance.service.control.test_requests import Desk
 from tests.support.rights import CONTENT, CONTROL, DOOR, FEED, PLACES, everything
 from tests.systemd.test_unit import FOLDER, UNITS, settings
-from tools.page.token_socket import Door
 
 LOOK_ON = {"status", "feed"}
 SHOWN = {*LOOK_ON, "pictures"}

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from drivers.registry import drivers
-from tools.development.driver_pages import DROP_IN, drop_in
+from probewatch.drivers.registry import drivers
+from probewatch.tools.development.driver_pages import DROP_IN, drop_in
 
 FOLDER = Path(__file__).parents[2] / "systemd"
 UNIT = FOLDER / "probewatch.service"

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from appliance.storage.calibration_file import write_calibration
-from appliance.types import Calibration
-from drivers.recordings.metaimage_writing import write_metaimage
+from probewatch.appliance.storage.calibration_file import write_calibration
+from probewatch.appliance.types import Calibration
+from probewatch.drivers.recordings.metaimage_writing import write_metaimage
 from tests.support.recordings import REPLAYED_PX, items
 
 

@@ -8,12 +8,12 @@ import click
 import numpy as np
 import pytest
 
-from appliance.storage.calibration_file import write_calibration
-from appliance.types import Calibration
-from drivers.clock.host_clock import HostClock
-from drivers.errors import RecordingError
-from drivers.recordings.metaimage_writing import write_metaimage
-from drivers.recordings.replay import open_tracker
+from probewatch.appliance.storage.calibration_file import write_calibration
+from probewatch.appliance.types import Calibration
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.errors import RecordingError
+from probewatch.drivers.recordings.metaimage_writing import write_metaimage
+from probewatch.drivers.recordings.replay import open_tracker
 from tests.drivers.recordings.test_film import film
 from tests.support.answers import answered
 from tests.support.commands import commands

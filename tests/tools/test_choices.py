@@ -5,9 +5,9 @@ from collections.abc import Iterable
 import click
 import pytest
 
-from drivers.twins.faults import CART_FAULTS
-from drivers.twins.scene.trajectory import PROGRAMS
-from drivers.video.crop import FLIPS
+from probewatch.drivers.twins.faults import CART_FAULTS
+from probewatch.drivers.twins.scene.trajectory import PROGRAMS
+from probewatch.drivers.video.crop import FLIPS
 from tests.support.answers import answered
 from tests.support.commands import commands
 

@@ -4,10 +4,10 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from drivers.errors import ConfigurationError
-from drivers.registry import known_schemes, split_url
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.drivers.registry import known_schemes, split_url
+from probewatch.tools.cli import probewatch
 from tests.support.commands import commands
-from tools.cli import probewatch
 
 
 @pytest.mark.parametrize(

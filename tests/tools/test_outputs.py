@@ -9,9 +9,9 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from drivers.errors import ConfigurationError
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.tools.cli import probewatch
 from tests.appliance.configuration.test_config import GOOD
-from tools.cli import probewatch
 
 WRITTEN = {
     ("calibration export", "--output"): ["1", "--output", "FILE.xml"],
@@ -91,14 +91,14 @@ def test_each_option_that_names_a_file_is_known_as_read_or_written() -> None:
 def test_no_command_writes_over_a_file_of_another_kind(
     where: tuple[str, str], what: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("tools.report.pdf._browser", lambda: "chromium")
+    monkeypatch.setattr("probewatch.tools.report.pdf._browser", lambda: "chromium")
     monkeypatch.chdir(tmp_path)
     words = [word.replace("FILE", str(tmp_path / "there")).replace("FOLDER", str(tmp_path)) for word in WRITTEN[where]]
     there = next(Path(word) for word in words if Path(word).stem == "there")
     there.write_bytes(CONTENTS[what])
     for name in ("scan.igs.mha", "box.mcap"):
         (tmp_path / name).write_bytes(b"")
-    result = CliRunner().invoke(import_module("tools.cli").probewatch, [*where[0].split(), *words])
+    result = CliRunner().invoke(import_module("probewatch.tools.cli").probewatch, [*where[0].split(), *words])
     assert there.read_bytes() == CONTENTS[what]
     assert isinstance(result.exception, ConfigurationError), (result.exception, result.output)
     assert result.exception.where == str(there)
@@ -120,7 +120,7 @@ TOML = {
 def test_no_command_writes_under_a_name_of_another_kind(
     where: tuple[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("tools.report.pdf._browser", lambda: "chromium")
+    monkeypatch.setattr("probewatch.tools.report.pdf._browser", lambda: "chromium")
     monkeypatch.chdir(tmp_path)
     for name in ("scan.igs.mha", "box.mcap"):
         (tmp_path / name).write_bytes(b"")
@@ -131,7 +131,7 @@ def test_no_command_writes_under_a_name_of_another_kind(
             continue
         words = [re.sub(r"FILE(\.\w+)?", f"{tmp_path}/there{ending}", word) for word in NAMED[where]]
         words = [word.replace("FOLDER", str(tmp_path)) for word in words]
-        result = CliRunner().invoke(import_module("tools.cli").probewatch, [*where[0].split(), *words])
+        result = CliRunner().invoke(import_module("probewatch.tools.cli").probewatch, [*where[0].split(), *words])
         said = f"{result.exception} {result.output}"
         assert "and what is written there is" in said or re.search("--output .*ends? in ", said), (ending, said)
         assert result.exit_code != 0
@@ -141,6 +141,6 @@ def test_no_command_writes_under_a_name_of_another_kind(
 @pytest.mark.parametrize("page", [b"", b"<!doctype html><html>old"])
 def test_a_page_replaces_an_earlier_page(page: bytes, tmp_path: Path) -> None:
     (tmp_path / "trend.html").write_bytes(page)
-    trend = import_module("tools.commands.trend").command
+    trend = import_module("probewatch.tools.commands.trend").command
     result = CliRunner().invoke(trend, [str(tmp_path), "--html", str(tmp_path / "trend.html")])
     assert "holds no alarm log" in str(result.exception), "it goes on to read"

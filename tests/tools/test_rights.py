@@ -8,17 +8,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from appliance.storage.alarm_log import AlarmLog
-from appliance.storage.calibration_file import write_calibration
-from appliance.storage.reference_store import FOLDER, HISTORY
-from appliance.types import Calibration
-from drivers.errors import ConfigurationError
-from drivers.files.atomic_file import check_writable
-from drivers.recordings.metaimage_writing import write_metaimage
+from probewatch.appliance.storage.alarm_log import AlarmLog
+from probewatch.appliance.storage.calibration_file import write_calibration
+from probewatch.appliance.storage.reference_store import FOLDER, HISTORY
+from probewatch.appliance.types import Calibration
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.drivers.files.atomic_file import check_writable
+from probewatch.drivers.recordings.metaimage_writing import write_metaimage
+from probewatch.tools import cli
 from tests.appliance.configuration.test_config import GOOD
 from tests.support.nobody import open_folder, told, without_rights
 from tests.support.recordings import items
-from tools import cli
 
 SIZE_PX = (48, 32)
 NOW = datetime(2026, 1, 2, tzinfo=UTC)

@@ -6,12 +6,12 @@ from typing import Any
 
 import click
 
-from appliance.service.control.client import ControlClient
-from appliance.service.control.server import ControlRefused
-from appliance.supervision.alarms import ACKNOWLEDGED, NOT_NOW
-from appliance.supervision.languages import translated, translated_text
-from tools.shared.named_cart import socket_option
-from tools.shared.spoken import language_of, say, say_change
+from probewatch.appliance.service.control.client import ControlClient
+from probewatch.appliance.service.control.server import ControlRefused
+from probewatch.appliance.supervision.alarms import ACKNOWLEDGED, NOT_NOW
+from probewatch.appliance.supervision.languages import translated, translated_text
+from probewatch.tools.shared.named_cart import socket_option
+from probewatch.tools.shared.spoken import language_of, say, say_change
 
 
 @click.command()

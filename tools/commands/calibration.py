@@ -10,13 +10,13 @@ from pathlib import Path
 import click
 from rich.console import Console
 
-from appliance.configuration.config import Config, load_config
-from appliance.core.quality.calibration_difference import difference
-from appliance.limits import Limits
-from appliance.service.control.client import ControlClient, is_running
-from appliance.service.control.starting import how_to_end
-from appliance.storage.calibration_exchange import device_set_text, itk_text, read_itk
-from appliance.storage.calibration_file import (
+from probewatch.appliance.configuration.config import Config, load_config
+from probewatch.appliance.core.quality.calibration_difference import difference
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.service.control.client import ControlClient, is_running
+from probewatch.appliance.service.control.starting import how_to_end
+from probewatch.appliance.storage.calibration_exchange import device_set_text, itk_text, read_itk
+from probewatch.appliance.storage.calibration_file import (
     ITK_BEGINS,
     calibration_bytes,
     check_own_name,
@@ -27,22 +27,29 @@ from appliance.storage.calibration_file import (
     refuse_toml,
     write_calibration,
 )
-from appliance.storage.device_set import clip_px, remarks
-from appliance.storage.reference import candidate_from_content, candidate_of_entry
-from appliance.storage.reference_dates import dates_of
-from appliance.storage.reference_store import FOLDER, Entry, History, content_of, set_aside
-from appliance.types import Calibration
-from drivers.errors import ConfigurationError
-from drivers.files.atomic_file import check_new, writing
-from drivers.printable import LONGEST_TEXT, printable
-from tools.commands.calibration_measured import command as measured
-from tools.german.translation import recognised, told
-from tools.shared.alarm_history import references_in
-from tools.shared.interruption import stopped_saying
-from tools.shared.json_report import json_of, json_option
-from tools.shared.named_cart import CONFIG, NAMED, cart_language, control_option, folder_option, socket_option
-from tools.shared.recovered import changes_text, recovered
-from tools.shared.reference_text import (
+from probewatch.appliance.storage.device_set import clip_px, remarks
+from probewatch.appliance.storage.reference import candidate_from_content, candidate_of_entry
+from probewatch.appliance.storage.reference_dates import dates_of
+from probewatch.appliance.storage.reference_store import FOLDER, Entry, History, content_of, set_aside
+from probewatch.appliance.types import Calibration
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.drivers.files.atomic_file import check_new, writing
+from probewatch.drivers.printable import LONGEST_TEXT, printable
+from probewatch.tools.commands.calibration_measured import command as measured
+from probewatch.tools.german.translation import recognised, told
+from probewatch.tools.shared.alarm_history import references_in
+from probewatch.tools.shared.interruption import stopped_saying
+from probewatch.tools.shared.json_report import json_of, json_option
+from probewatch.tools.shared.named_cart import (
+    CONFIG,
+    NAMED,
+    cart_language,
+    control_option,
+    folder_option,
+    socket_option,
+)
+from probewatch.tools.shared.recovered import changes_text, recovered
+from probewatch.tools.shared.reference_text import (
     entry_cells,
     entry_headings,
     entry_lines,
@@ -50,10 +57,10 @@ from tools.shared.reference_text import (
     print_difference,
     utc_text,
 )
-from tools.shared.sign_off import remarks_on
-from tools.shared.spoken import language_of
-from tools.shared.tables import FittingTable
-from tools.shared.verification import accepted, ask, await_verification, recalibrating, reporting_change
+from probewatch.tools.shared.sign_off import remarks_on
+from probewatch.tools.shared.spoken import language_of
+from probewatch.tools.shared.tables import FittingTable
+from probewatch.tools.shared.verification import accepted, ask, await_verification, recalibrating, reporting_change
 
 _YES = click.option("--yes", is_flag=True, help="accept the difference shown without confirmation")
 # Time to take up the probe and sweep; the service itself needs up to 10 s of motion

@@ -6,15 +6,15 @@ from pathlib import Path
 import click
 from rich.console import Console
 
-from appliance.storage.calibration_file import check_own_name, write_calibration
-from appliance.storage.reference import candidate_of_entry
-from drivers.files.atomic_file import check_new
-from tools.german.translation import recognised, told
-from tools.shared.alarm_history import references_in, settled_log, tell_damage
-from tools.shared.json_report import json_of, json_option
-from tools.shared.motion_measured import HEADINGS, fields_of, in_vivo, measured, row_of
-from tools.shared.named_cart import cart_language, folder_option
-from tools.shared.tables import FittingTable
+from probewatch.appliance.storage.calibration_file import check_own_name, write_calibration
+from probewatch.appliance.storage.reference import candidate_of_entry
+from probewatch.drivers.files.atomic_file import check_new
+from probewatch.tools.german.translation import recognised, told
+from probewatch.tools.shared.alarm_history import references_in, settled_log, tell_damage
+from probewatch.tools.shared.json_report import json_of, json_option
+from probewatch.tools.shared.motion_measured import HEADINGS, fields_of, in_vivo, measured, row_of
+from probewatch.tools.shared.named_cart import cart_language, folder_option
+from probewatch.tools.shared.tables import FittingTable
 
 
 @click.command(name="measured", short_help="the calibration that motion has measured over all examinations")

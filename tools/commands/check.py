@@ -7,19 +7,25 @@ from pathlib import Path
 
 import click
 
-from appliance.configuration.config import CalibrationPlace, Config, config_of, configuration_text, is_configured
-from appliance.configuration.mistakes import Mistakes
-from appliance.storage.calibration_file import calibration_bytes
-from appliance.storage.device_set import remarks
-from appliance.storage.reference import candidate_from_content, size_for
-from appliance.storage.reference_dates import stated_dates
-from drivers.errors import ConfigurationError
-from drivers.registry import check_options
-from tools.german.translation import recognised, told
-from tools.shared.limits_in_force import remarks as remarks_on_limits
-from tools.shared.limits_in_force import rows as limit_rows
-from tools.shared.named_cart import file_argument
-from tools.shared.unit_sight import unseen_mistakes
+from probewatch.appliance.configuration.config import (
+    CalibrationPlace,
+    Config,
+    config_of,
+    configuration_text,
+    is_configured,
+)
+from probewatch.appliance.configuration.mistakes import Mistakes
+from probewatch.appliance.storage.calibration_file import calibration_bytes
+from probewatch.appliance.storage.device_set import remarks
+from probewatch.appliance.storage.reference import candidate_from_content, size_for
+from probewatch.appliance.storage.reference_dates import stated_dates
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.drivers.registry import check_options
+from probewatch.tools.german.translation import recognised, told
+from probewatch.tools.shared.limits_in_force import remarks as remarks_on_limits
+from probewatch.tools.shared.limits_in_force import rows as limit_rows
+from probewatch.tools.shared.named_cart import file_argument
+from probewatch.tools.shared.unit_sight import unseen_mistakes
 
 _ANY_SIZE_PX = (640, 480)
 """Stands for the size of pictures that are not there; no other finding depends on it."""

@@ -7,28 +7,28 @@ from pathlib import Path
 
 import click
 
-from appliance.configuration.config import CalibrationPlace, Config, config_of, configuration_text
-from appliance.configuration.toml_lines import Place
-from appliance.limits import PROFILES, Profile
-from appliance.service.control.starting import how_to_restart
-from appliance.supervision.annunciator import Role
-from drivers.clock.host_clock import HostClock
-from drivers.device_api import TrackerSource, VideoSource
-from drivers.errors import ConfigurationError, DeviceLost
-from drivers.files.atomic_file import check_kind, check_writable, writing
-from drivers.io.inventory import CONNECTED, ROOT, Found
-from drivers.registry import check_options, open_tracker, open_video
-from tools.commands.check import calibration_mistakes, calibration_remarks, mistakes_in, rows
-from tools.commands.probe import complaints, findings, measure
-from tools.german.devices import device_text
-from tools.german.translation import recognised, told
-from tools.shared.configuration_text import Answers, Value, changed, template
-from tools.shared.device_question import DeviceQuestion, Respondent, whole_path
-from tools.shared.driver_text import real_drivers
-from tools.shared.interruption import stopped_saying
-from tools.shared.limits_in_force import remarks as remarks_on_limits
-from tools.shared.named_cart import file_argument
-from tools.shared.unit_sight import is_of_the_unit
+from probewatch.appliance.configuration.config import CalibrationPlace, Config, config_of, configuration_text
+from probewatch.appliance.configuration.toml_lines import Place
+from probewatch.appliance.limits import PROFILES, Profile
+from probewatch.appliance.service.control.starting import how_to_restart
+from probewatch.appliance.supervision.annunciator import Role
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.device_api import TrackerSource, VideoSource
+from probewatch.drivers.errors import ConfigurationError, DeviceLost
+from probewatch.drivers.files.atomic_file import check_kind, check_writable, writing
+from probewatch.drivers.io.inventory import CONNECTED, ROOT, Found
+from probewatch.drivers.registry import check_options, open_tracker, open_video
+from probewatch.tools.commands.check import calibration_mistakes, calibration_remarks, mistakes_in, rows
+from probewatch.tools.commands.probe import complaints, findings, measure
+from probewatch.tools.german.devices import device_text
+from probewatch.tools.german.translation import recognised, told
+from probewatch.tools.shared.configuration_text import Answers, Value, changed, template
+from probewatch.tools.shared.device_question import DeviceQuestion, Respondent, whole_path
+from probewatch.tools.shared.driver_text import real_drivers
+from probewatch.tools.shared.interruption import stopped_saying
+from probewatch.tools.shared.limits_in_force import remarks as remarks_on_limits
+from probewatch.tools.shared.named_cart import file_argument
+from probewatch.tools.shared.unit_sight import is_of_the_unit
 
 _TRIAL_S = 2.0
 """For which a device is tried: forty pictures of a slow scanner, and a person does not wait long. Not varied."""

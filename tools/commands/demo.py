@@ -12,22 +12,22 @@ from pathlib import Path
 import click
 from rich.console import Console
 
-from appliance.supervision.supervisor import LATCHED
-from appliance.types import State
-from drivers.errors import TooBusy
-from drivers.twins.scene.bedside import scanned
-from drivers.twins.scene.surroundings import RIGID
-from tools.demo.director import Director
-from tools.demo.live_view import LiveView
-from tools.demo.load import DemoLoad
-from tools.demo.outcome import History, Moment, Prompt, Switch, judge
-from tools.demo.report import Circumstances, print_report, report_fields
-from tools.demo.script import Planned, Script, chosen_plan, default_plan
-from tools.shared.fault_at import fault_at
-from tools.shared.json_report import json_option, text_aside
-from tools.shared.point_text import point_text
-from tools.shared.status_view import Status
-from tools.simulators.whole_cart import CartSettings, NotReady, SimulatedCart
+from probewatch.appliance.supervision.supervisor import LATCHED
+from probewatch.appliance.types import State
+from probewatch.drivers.errors import TooBusy
+from probewatch.drivers.twins.scene.bedside import scanned
+from probewatch.drivers.twins.scene.surroundings import RIGID
+from probewatch.tools.demo.director import Director
+from probewatch.tools.demo.live_view import LiveView
+from probewatch.tools.demo.load import DemoLoad
+from probewatch.tools.demo.outcome import History, Moment, Prompt, Switch, judge
+from probewatch.tools.demo.report import Circumstances, print_report, report_fields
+from probewatch.tools.demo.script import Planned, Script, chosen_plan, default_plan
+from probewatch.tools.shared.fault_at import fault_at
+from probewatch.tools.shared.json_report import json_option, text_aside
+from probewatch.tools.shared.point_text import point_text
+from probewatch.tools.shared.status_view import Status
+from probewatch.tools.simulators.whole_cart import CartSettings, NotReady, SimulatedCart
 
 _ANSWER_S = 15.0
 """Without an answer of the service before the demo gives up. It answers within a tick of 50 ms, so only a machine that

@@ -6,11 +6,11 @@ from pathlib import Path
 import click
 from rich.console import Console
 
-from drivers.io.inventory import CONNECTED, ROOT, Found
-from tools.german.devices import device_text
-from tools.shared.driver_text import before_paths
-from tools.shared.named_cart import cart_language
-from tools.shared.tables import FittingTable
+from probewatch.drivers.io.inventory import CONNECTED, ROOT, Found
+from probewatch.tools.german.devices import device_text
+from probewatch.tools.shared.driver_text import before_paths
+from probewatch.tools.shared.named_cart import cart_language
+from probewatch.tools.shared.tables import FittingTable
 
 _HEADINGS = ("kind", "path", "node", "what it is", "state")
 _FREE = "free"

@@ -4,11 +4,11 @@ from pathlib import Path
 
 import click
 
-from appliance.storage.black_box import Series
-from drivers.errors import RecordingError
-from drivers.files.atomic_file import check_new
-from tools.shared.export import FORMS, export
-from tools.shared.found_recordings import BOXES, found, is_there
+from probewatch.appliance.storage.black_box import Series
+from probewatch.drivers.errors import RecordingError
+from probewatch.drivers.files.atomic_file import check_new
+from probewatch.tools.shared.export import FORMS, export
+from probewatch.tools.shared.found_recordings import BOXES, found, is_there
 
 
 @click.command()

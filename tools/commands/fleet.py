@@ -6,9 +6,9 @@ import sys
 import click
 from rich.console import Console
 
-from tools.monitoring.fleet import CartReport, reports
-from tools.shared.json_report import json_of, json_option
-from tools.shared.tables import NOTHING, FittingTable
+from probewatch.tools.monitoring.fleet import CartReport, reports
+from probewatch.tools.shared.json_report import json_of, json_option
+from probewatch.tools.shared.tables import NOTHING, FittingTable
 
 _HEADINGS = ("cart", "needs", "state", "contact", "verified ago", "nearest limit", "due in", "reference", "version")
 _SPAN = re.compile(r"[1-9][0-9]{0,5}[smhd]", re.ASCII)

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import click
 
-from appliance.service.control.client import ControlClient
-from tools.german.translation import told
-from tools.shared.named_cart import socket_option
-from tools.shared.spoken import language_of, say
+from probewatch.appliance.service.control.client import ControlClient
+from probewatch.tools.german.translation import told
+from probewatch.tools.shared.named_cart import socket_option
+from probewatch.tools.shared.spoken import language_of, say
 
 
 @click.command()

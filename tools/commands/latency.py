@@ -6,17 +6,17 @@ from pathlib import Path
 
 import click
 
-from appliance.core.line import Line
-from appliance.core.path.latency import Latency
-from appliance.crosswire.latency import BottomLine
-from appliance.limits import Limits
-from appliance.storage.calibration_file import read_calibration
-from drivers.errors import RecordingError
-from drivers.recordings.replay import Recording, open_recording
-from drivers.samples import Sample
-from tools.shared.left_out import tell_left_out
-from tools.shared.recording_options import recording_options
-from tools.shared.terminal import progress_bar
+from probewatch.appliance.core.line import Line
+from probewatch.appliance.core.path.latency import Latency
+from probewatch.appliance.crosswire.latency import BottomLine
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.storage.calibration_file import read_calibration
+from probewatch.drivers.errors import RecordingError
+from probewatch.drivers.recordings.replay import Recording, open_recording
+from probewatch.drivers.samples import Sample
+from probewatch.tools.shared.left_out import tell_left_out
+from probewatch.tools.shared.recording_options import recording_options
+from probewatch.tools.shared.terminal import progress_bar
 
 _CLOCK_SIGMA_MS = 5.0
 """Of what the recorder's own stamps add to every estimate, which no motion shows: the figure that PLUS states for its

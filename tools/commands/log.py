@@ -11,19 +11,19 @@ from typing import Any
 
 import click
 
-from appliance.storage.alarm_chain import Entry, Event, Reading
-from appliance.supervision.languages import translated_text
-from appliance.types import Fault, State
-from drivers.errors import ConfigurationError
-from drivers.files.atomic_file import check_kind, check_new, writing
-from drivers.printable import LONGEST_TEXT, printable
-from drivers.suggestion import did_you_mean, suggested
-from tools.german.translation import damage_text, recognised, told
-from tools.shared.alarm_history import settled_log
-from tools.shared.calendar_option import MOMENT
-from tools.shared.named_cart import cart_language, folder_argument
-from tools.shared.profile_text import logged_limits_text
-from tools.shared.spoken import say, say_change
+from probewatch.appliance.storage.alarm_chain import Entry, Event, Reading
+from probewatch.appliance.supervision.languages import translated_text
+from probewatch.appliance.types import Fault, State
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.drivers.files.atomic_file import check_kind, check_new, writing
+from probewatch.drivers.printable import LONGEST_TEXT, printable
+from probewatch.drivers.suggestion import did_you_mean, suggested
+from probewatch.tools.german.translation import damage_text, recognised, told
+from probewatch.tools.shared.alarm_history import settled_log
+from probewatch.tools.shared.calendar_option import MOMENT
+from probewatch.tools.shared.named_cart import cart_language, folder_argument
+from probewatch.tools.shared.profile_text import logged_limits_text
+from probewatch.tools.shared.spoken import say, say_change
 
 _COLOURS = {"warning": "yellow", "halt": "red", "recalibration requested": "red", "device lost": "red"}
 _COLOURS |= {"internal fault": "red", "monitoring": "green", "not verified": "cyan", "recalibrating": "cyan"}

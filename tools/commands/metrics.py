@@ -7,15 +7,15 @@ from pathlib import Path
 
 import click
 
-from drivers.files.atomic_file import check_kind, check_replaceable, replacing
-from tools.monitoring.endpoint import Endpoint
-from tools.monitoring.reading import Exposition
-from tools.shared.absent_service import warn_if_absent
-from tools.shared.called_host import endpoint_text
-from tools.shared.listen_address import listen_address
-from tools.shared.named_cart import socket_option
-from tools.shared.termination import termination
-from tools.shared.without_effect import refuse_typed
+from probewatch.drivers.files.atomic_file import check_kind, check_replaceable, replacing
+from probewatch.tools.monitoring.endpoint import Endpoint
+from probewatch.tools.monitoring.reading import Exposition
+from probewatch.tools.shared.absent_service import warn_if_absent
+from probewatch.tools.shared.called_host import endpoint_text
+from probewatch.tools.shared.listen_address import listen_address
+from probewatch.tools.shared.named_cart import socket_option
+from probewatch.tools.shared.termination import termination
+from probewatch.tools.shared.without_effect import refuse_typed
 
 _LISTEN = "127.0.0.1:9797"
 """No port that Prometheus' list of exporters or Debian's packages gives to another program, as far as known."""

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import click
 
-from tools.monitoring.mqtt import Publisher, broker_of
-from tools.monitoring.reading import read_status
-from tools.shared.absent_service import warn_if_absent
-from tools.shared.named_cart import socket_option
-from tools.shared.termination import termination
+from probewatch.tools.monitoring.mqtt import Publisher, broker_of
+from probewatch.tools.monitoring.reading import read_status
+from probewatch.tools.shared.absent_service import warn_if_absent
+from probewatch.tools.shared.named_cart import socket_option
+from probewatch.tools.shared.termination import termination
 
 _FILE = click.Path(dir_okay=False, path_type=Path)
 

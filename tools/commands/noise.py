@@ -11,18 +11,24 @@ import click
 from rich.console import Console
 from rich.progress import track
 
-from appliance.configuration.config import load_config
-from appliance.configuration.noise_file import NOISE_BEGINS, LearnedFrom, LearnedNoise, judged_by, write_noise
-from appliance.limits import FALSE_ALARM_H, MOST_NAMED_NATS, NAMED_NATS
-from appliance.storage.black_box import Series
-from appliance.supervision.timeline import Judging
-from drivers.errors import RecordingError
-from drivers.files.atomic_file import check_kind, check_replaceable
-from tools.shared.digest import file_sha256, with_pictures
-from tools.shared.found_recordings import found
-from tools.shared.healthy_scanning import Heard, Named, heard_in_sequence, heard_in_series
-from tools.shared.noise_tail import Tail, least_hours, minutes_text, tail_of
-from tools.shared.recording_options import recording_options
+from probewatch.appliance.configuration.config import load_config
+from probewatch.appliance.configuration.noise_file import (
+    NOISE_BEGINS,
+    LearnedFrom,
+    LearnedNoise,
+    judged_by,
+    write_noise,
+)
+from probewatch.appliance.limits import FALSE_ALARM_H, MOST_NAMED_NATS, NAMED_NATS
+from probewatch.appliance.storage.black_box import Series
+from probewatch.appliance.supervision.timeline import Judging
+from probewatch.drivers.errors import RecordingError
+from probewatch.drivers.files.atomic_file import check_kind, check_replaceable
+from probewatch.tools.shared.digest import file_sha256, with_pictures
+from probewatch.tools.shared.found_recordings import found
+from probewatch.tools.shared.healthy_scanning import Heard, Named, heard_in_sequence, heard_in_series
+from probewatch.tools.shared.noise_tail import Tail, least_hours, minutes_text, tail_of
+from probewatch.tools.shared.recording_options import recording_options
 
 _Item = TypeVar("_Item")
 _DIGITS = 3

@@ -5,15 +5,15 @@ from pathlib import Path
 
 import click
 
-from tools.openigtlink.asked import USUAL_NAMES, Names
-from tools.openigtlink.passage import Passage
-from tools.openigtlink.server import StateServer
-from tools.openigtlink.wording import NAMES
-from tools.shared.absent_service import warn_if_absent
-from tools.shared.called_host import endpoint_text
-from tools.shared.named_cart import socket_option
-from tools.shared.status_watch import StatusWatch
-from tools.shared.termination import termination
+from probewatch.tools.openigtlink.asked import USUAL_NAMES, Names
+from probewatch.tools.openigtlink.passage import Passage
+from probewatch.tools.openigtlink.server import StateServer
+from probewatch.tools.openigtlink.wording import NAMES
+from probewatch.tools.shared.absent_service import warn_if_absent
+from probewatch.tools.shared.called_host import endpoint_text
+from probewatch.tools.shared.named_cart import socket_option
+from probewatch.tools.shared.status_watch import StatusWatch
+from probewatch.tools.shared.termination import termination
 
 _PORT = 18944
 """TCP port of OpenIGTLink, by its specification."""

@@ -10,24 +10,24 @@ from pathlib import Path
 import click
 import uvicorn
 
-from appliance.configuration.config import load_config
-from appliance.service.control.rights import Onlookers
-from drivers.errors import ConfigurationError, cannot_listen
-from drivers.files.atomic_file import check_writable
-from tools.page.alarm_log_watch import AlarmLogWatch
-from tools.page.asking import Asking
-from tools.page.connection import Connection
-from tools.page.pictures import Pictures
-from tools.page.server import Page, Parts
-from tools.page.token_socket import Door, invitation
-from tools.page.tokens import TOKEN_S, Tokens
-from tools.recalibration.session import ScanSession
-from tools.shared.absent_service import warn_if_absent
-from tools.shared.called_host import endpoint_text
-from tools.shared.listen_address import listen_address
-from tools.shared.named_cart import SOCKET, config_option, named_or_own
-from tools.shared.status_watch import StatusWatch
-from tools.shared.without_effect import refuse_typed
+from probewatch.appliance.configuration.config import load_config
+from probewatch.appliance.service.control.rights import Onlookers
+from probewatch.drivers.errors import ConfigurationError, cannot_listen
+from probewatch.drivers.files.atomic_file import check_writable
+from probewatch.tools.page.alarm_log_watch import AlarmLogWatch
+from probewatch.tools.page.asking import Asking
+from probewatch.tools.page.connection import Connection
+from probewatch.tools.page.pictures import Pictures
+from probewatch.tools.page.server import Page, Parts
+from probewatch.tools.page.token_socket import Door, invitation
+from probewatch.tools.page.tokens import TOKEN_S, Tokens
+from probewatch.tools.recalibration.session import ScanSession
+from probewatch.tools.shared.absent_service import warn_if_absent
+from probewatch.tools.shared.called_host import endpoint_text
+from probewatch.tools.shared.listen_address import listen_address
+from probewatch.tools.shared.named_cart import SOCKET, config_option, named_or_own
+from probewatch.tools.shared.status_watch import StatusWatch
+from probewatch.tools.shared.without_effect import refuse_typed
 
 _LISTEN = "127.0.0.1:9780"
 """No port that Debian's packages give to another program, as far as known; beside that of the metrics."""

@@ -7,11 +7,11 @@ from typing import Any
 
 import click
 
-from appliance.service.control.client import ControlClient
-from appliance.supervision.annunciator import Role
-from appliance.supervision.audio import AudioMode
-from tools.shared.named_cart import socket_option
-from tools.shared.spoken import language_of, say
+from probewatch.appliance.service.control.client import ControlClient
+from probewatch.appliance.supervision.annunciator import Role
+from probewatch.appliance.supervision.audio import AudioMode
+from probewatch.tools.shared.named_cart import socket_option
+from probewatch.tools.shared.spoken import language_of, say
 
 _SHORTEST_S, _LONGEST_S = 1, 120
 """What the service grants (docs/alarms.md): a longer pause would be forgotten."""

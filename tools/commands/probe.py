@@ -9,18 +9,18 @@ from dataclasses import dataclass, field
 import click
 import numpy as np
 
-from appliance.supervision.timeline import NEAREST_MM
-from drivers.clock.host_clock import HostClock
-from drivers.device_api import AlarmOutput, Description, Identified, TrackerSource, VideoSource
-from drivers.errors import ConfigurationError, DeviceLost, ProbewatchError, RecordingError
-from drivers.recordings.replay import ENDED
-from drivers.registry import check_options, device_kinds, open_output, open_tracker, open_video
-from drivers.samples import Frame, Pose, PoseStatus
-from tools.german.devices import device_text
-from tools.german.translation import tell_refused
-from tools.shared.driver_text import any_url, schemes_and_options
-from tools.shared.named_cart import cart_language
-from tools.shared.time_quality import LEAST_HZ, MOST_JITTER_MS, TimeQuality, time_quality
+from probewatch.appliance.supervision.timeline import NEAREST_MM
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.device_api import AlarmOutput, Description, Identified, TrackerSource, VideoSource
+from probewatch.drivers.errors import ConfigurationError, DeviceLost, ProbewatchError, RecordingError
+from probewatch.drivers.recordings.replay import ENDED
+from probewatch.drivers.registry import check_options, device_kinds, open_output, open_tracker, open_video
+from probewatch.drivers.samples import Frame, Pose, PoseStatus
+from probewatch.tools.german.devices import device_text
+from probewatch.tools.german.translation import tell_refused
+from probewatch.tools.shared.driver_text import any_url, schemes_and_options
+from probewatch.tools.shared.named_cart import cart_language
+from probewatch.tools.shared.time_quality import LEAST_HZ, MOST_JITTER_MS, TimeQuality, time_quality
 
 _READ_S = 0.2
 """For which a read waits, and by which the measurement may last longer than was asked."""

@@ -11,25 +11,25 @@ from pathlib import Path
 
 import click
 
-from appliance.crosswire.offset import (
+from probewatch.appliance.crosswire.offset import (
     Demand,
     renewed,
 )
-from appliance.crosswire.water import RANGE_C, SCANNER_M_S
-from appliance.service.control.client import ControlClient
-from appliance.service.control.server import ControlRefused
-from appliance.storage.calibration_file import (
+from probewatch.appliance.crosswire.water import RANGE_C, SCANNER_M_S
+from probewatch.appliance.service.control.client import ControlClient
+from probewatch.appliance.service.control.server import ControlRefused
+from probewatch.appliance.storage.calibration_file import (
     TOML_BEGINS,
     check_own_name,
     write_calibration,
 )
-from drivers.errors import ConfigurationError
-from drivers.files.atomic_file import check_replaceable, check_writable
-from tools.german.translation import refusing_in, told
-from tools.recalibration.live_service import live_service, scan_live
-from tools.recalibration.paperwork import Begin, Signature, signed
-from tools.recalibration.paperwork import sign_off as signed_by_both
-from tools.recalibration.recorded_scan import (
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.drivers.files.atomic_file import check_replaceable, check_writable
+from probewatch.tools.german.translation import refusing_in, told
+from probewatch.tools.recalibration.live_service import live_service, scan_live
+from probewatch.tools.recalibration.paperwork import Begin, Signature, signed
+from probewatch.tools.recalibration.paperwork import sign_off as signed_by_both
+from probewatch.tools.recalibration.recorded_scan import (
     InForce,
     calibration_in_force,
     check_size,
@@ -38,17 +38,23 @@ from tools.recalibration.recorded_scan import (
     scanned,
     solved,
 )
-from tools.recalibration.steps import Sound
-from tools.recalibration.terminal import words
-from tools.shared.calendar_option import DAY
-from tools.shared.crosswire_input import recorded, simulated
-from tools.shared.crosswire_whole import WholeOptions, solve_all, sound
-from tools.shared.interruption import stopped_saying
-from tools.shared.named_cart import cart_language, config_option, saying_how_to_start
-from tools.shared.sign_off import SignOff, user
-from tools.shared.spoken import language_of
-from tools.shared.verification import accepted, await_verification, recalibrating, refuse_simulated, reporting_change
-from tools.shared.without_effect import refuse_typed
+from probewatch.tools.recalibration.steps import Sound
+from probewatch.tools.recalibration.terminal import words
+from probewatch.tools.shared.calendar_option import DAY
+from probewatch.tools.shared.crosswire_input import recorded, simulated
+from probewatch.tools.shared.crosswire_whole import WholeOptions, solve_all, sound
+from probewatch.tools.shared.interruption import stopped_saying
+from probewatch.tools.shared.named_cart import cart_language, config_option, saying_how_to_start
+from probewatch.tools.shared.sign_off import SignOff, user
+from probewatch.tools.shared.spoken import language_of
+from probewatch.tools.shared.verification import (
+    accepted,
+    await_verification,
+    recalibrating,
+    refuse_simulated,
+    reporting_change,
+)
+from probewatch.tools.shared.without_effect import refuse_typed
 
 _RECORDED_ALONE = (
     "--calibration",

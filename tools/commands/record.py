@@ -6,13 +6,13 @@ from typing import Any
 
 import click
 
-from appliance.configuration.config import load_config
-from drivers.errors import ConfigurationError
-from tools.german.recorder import recorder_text
-from tools.recorder.run import RecorderService, ask
-from tools.shared.named_cart import cart_option
-from tools.shared.termination import termination
-from tools.shared.unit_sight import is_of_the_unit
+from probewatch.appliance.configuration.config import load_config
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.tools.german.recorder import recorder_text
+from probewatch.tools.recorder.run import RecorderService, ask
+from probewatch.tools.shared.named_cart import cart_option
+from probewatch.tools.shared.termination import termination
+from probewatch.tools.shared.unit_sight import is_of_the_unit
 
 
 @click.command()

@@ -5,12 +5,12 @@ from pathlib import Path
 
 import click
 
-from appliance.configuration.config import load_config
-from appliance.service.control.client import ControlClient
-from drivers.clock.host_clock import HostClock
-from drivers.errors import ConfigurationError, DeviceLost, ProbewatchError
-from drivers.registry import open_output
-from tools.shared.named_cart import required_config
+from probewatch.appliance.configuration.config import load_config
+from probewatch.appliance.service.control.client import ControlClient
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.errors import ConfigurationError, DeviceLost, ProbewatchError
+from probewatch.drivers.registry import open_output
+from probewatch.tools.shared.named_cart import required_config
 
 _ANSWER_S = 1.0
 """For a running service to take the connection: twenty ticks. Longer only delays the end of the unit."""

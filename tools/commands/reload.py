@@ -4,9 +4,9 @@ from pathlib import Path
 
 import click
 
-from appliance.service.control.client import ControlClient
-from tools.german.translation import told
-from tools.shared.named_cart import cart_language, socket_option
+from probewatch.appliance.service.control.client import ControlClient
+from probewatch.tools.german.translation import told
+from probewatch.tools.shared.named_cart import cart_language, socket_option
 
 
 @click.command()

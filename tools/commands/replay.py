@@ -10,34 +10,39 @@ import click
 from rich.console import Console
 from rich.progress import track
 
-from appliance.configuration.config import load_config
-from appliance.core.line import Line
-from appliance.core.quality.report import VERSION
-from appliance.storage.black_box import Series
-from appliance.storage.calibration_file import calibration_bytes, check_own_name, is_device_set, read_calibration
-from appliance.supervision.timeline import Judging
-from drivers.descriptor import FILM_SUFFIXES
-from drivers.errors import RecordingError
-from drivers.files.atomic_file import check_apart, check_new
-from drivers.recordings.replay import Recording, open_recording
-from drivers.suggestion import did_you_mean, suggested
-from drivers.twins.faults import CART_FAULTS, Episode, Schedule
-from tools.report.page import check_page
-from tools.report.pdf import check_pdf, write_pdf
-from tools.report.recording_page import write_recording_page
-from tools.report.trace import Trace
-from tools.shared.digest import with_pictures
-from tools.shared.estimate import write_estimate
-from tools.shared.fault_at import fault_at
-from tools.shared.found_recordings import SUFFIXES, found, is_there
-from tools.shared.json_report import json_option, text_aside
-from tools.shared.recording_options import recording_options
-from tools.shared.recording_run import BlackBoxSession, Seen, nobody, run, run_series
-from tools.shared.replay_outcome import Outcome, print_outcome
-from tools.shared.subject import Subject
-from tools.shared.terminal import progress_bar
-from tools.study.archive import ArchiveTask, archive_table
-from tools.study.workers import results
+from probewatch.appliance.configuration.config import load_config
+from probewatch.appliance.core.line import Line
+from probewatch.appliance.core.quality.report import VERSION
+from probewatch.appliance.storage.black_box import Series
+from probewatch.appliance.storage.calibration_file import (
+    calibration_bytes,
+    check_own_name,
+    is_device_set,
+    read_calibration,
+)
+from probewatch.appliance.supervision.timeline import Judging
+from probewatch.drivers.descriptor import FILM_SUFFIXES
+from probewatch.drivers.errors import RecordingError
+from probewatch.drivers.files.atomic_file import check_apart, check_new
+from probewatch.drivers.recordings.replay import Recording, open_recording
+from probewatch.drivers.suggestion import did_you_mean, suggested
+from probewatch.drivers.twins.faults import CART_FAULTS, Episode, Schedule
+from probewatch.tools.report.page import check_page
+from probewatch.tools.report.pdf import check_pdf, write_pdf
+from probewatch.tools.report.recording_page import write_recording_page
+from probewatch.tools.report.trace import Trace
+from probewatch.tools.shared.digest import with_pictures
+from probewatch.tools.shared.estimate import write_estimate
+from probewatch.tools.shared.fault_at import fault_at
+from probewatch.tools.shared.found_recordings import SUFFIXES, found, is_there
+from probewatch.tools.shared.json_report import json_option, text_aside
+from probewatch.tools.shared.recording_options import recording_options
+from probewatch.tools.shared.recording_run import BlackBoxSession, Seen, nobody, run, run_series
+from probewatch.tools.shared.replay_outcome import Outcome, print_outcome
+from probewatch.tools.shared.subject import Subject
+from probewatch.tools.shared.terminal import progress_bar
+from probewatch.tools.study.archive import ArchiveTask, archive_table
+from probewatch.tools.study.workers import results
 
 _Item = TypeVar("_Item")
 

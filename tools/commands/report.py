@@ -11,24 +11,24 @@ from pathlib import Path
 
 import click
 
-from appliance.configuration.config import Config, load_config
-from appliance.service.control.client import is_running
-from appliance.service.control.rights import join_group
-from appliance.storage.alarm_chain import Entry
-from appliance.storage.reference_dates import Dates, dates_of
-from appliance.storage.reference_store import FOLDER as REFERENCES
-from appliance.storage.reference_store import HISTORY, History, content_of, read_history
-from appliance.storage.witnessed_log import named_reference
-from drivers.errors import ConfigurationError
-from drivers.files.atomic_file import PAGE_BEGINS, check_replaceable
-from tools.german.translation import lost_text, told
-from tools.report.pdf import check_pdf, write_pdf
-from tools.report.period import PERIODS, Period, Summary, last_period, period, summary
-from tools.report.period_page import write_period_page
-from tools.selftest.records import read_self_tests
-from tools.shared.alarm_history import refuse_unreadable, settled_log
-from tools.shared.calendar_option import DAY
-from tools.shared.named_cart import cart_option
+from probewatch.appliance.configuration.config import Config, load_config
+from probewatch.appliance.service.control.client import is_running
+from probewatch.appliance.service.control.rights import join_group
+from probewatch.appliance.storage.alarm_chain import Entry
+from probewatch.appliance.storage.reference_dates import Dates, dates_of
+from probewatch.appliance.storage.reference_store import FOLDER as REFERENCES
+from probewatch.appliance.storage.reference_store import HISTORY, History, content_of, read_history
+from probewatch.appliance.storage.witnessed_log import named_reference
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.drivers.files.atomic_file import PAGE_BEGINS, check_replaceable
+from probewatch.tools.german.translation import lost_text, told
+from probewatch.tools.report.pdf import check_pdf, write_pdf
+from probewatch.tools.report.period import PERIODS, Period, Summary, last_period, period, summary
+from probewatch.tools.report.period_page import write_period_page
+from probewatch.tools.selftest.records import read_self_tests
+from probewatch.tools.shared.alarm_history import refuse_unreadable, settled_log
+from probewatch.tools.shared.calendar_option import DAY
+from probewatch.tools.shared.named_cart import cart_option
 
 _SELF_TESTS = "self-tests"
 _NAMESPACE = "probewatch-report"

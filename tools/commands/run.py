@@ -6,21 +6,21 @@ from pathlib import Path
 
 import click
 
-from appliance.configuration.config import Config, is_configured, load_config
-from appliance.service.control.references import References
-from appliance.service.control.refusal import leave, withdraw
-from appliance.service.control.rights import Onlookers
-from appliance.service.control.server import ControlServer
-from appliance.service.control.starting import how_to_restart
-from appliance.service.daemon import Daemon
-from appliance.service.estimator.process_host import EstimatorHost
-from appliance.service.host.log import configure
-from appliance.service.host.resident_memory import keep_what_is_loaded, lock_memory
-from appliance.service.unconfigured import await_configuration
-from drivers.clock.host_clock import HostClock
-from drivers.errors import ConfigurationError
-from tools.shared.named_cart import required_config
-from tools.shared.termination import termination
+from probewatch.appliance.configuration.config import Config, is_configured, load_config
+from probewatch.appliance.service.control.references import References
+from probewatch.appliance.service.control.refusal import leave, withdraw
+from probewatch.appliance.service.control.rights import Onlookers
+from probewatch.appliance.service.control.server import ControlServer
+from probewatch.appliance.service.control.starting import how_to_restart
+from probewatch.appliance.service.daemon import Daemon
+from probewatch.appliance.service.estimator.process_host import EstimatorHost
+from probewatch.appliance.service.host.log import configure
+from probewatch.appliance.service.host.resident_memory import keep_what_is_loaded, lock_memory
+from probewatch.appliance.service.unconfigured import await_configuration
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.tools.shared.named_cart import required_config
+from probewatch.tools.shared.termination import termination
 
 
 @click.command()

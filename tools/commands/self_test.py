@@ -12,22 +12,22 @@ from typing import Any
 import click
 from rich.console import Console
 
-from appliance.service.control.client import ControlClient
-from drivers.errors import ConfigurationError, ProbewatchError
-from drivers.files.atomic_file import make_folder, replacing
-from drivers.printable import printable
-from tools.german.translation import confirmed, told
-from tools.selftest import items
-from tools.selftest.baseline import KEY, beside, chosen, first_use
-from tools.selftest.items import Item
-from tools.selftest.listed import print_items
-from tools.selftest.measured import Measured, measured
-from tools.selftest.records import read_self_tests, sealed
-from tools.shared.interruption import stopped_saying
-from tools.shared.json_report import json_option, text_aside
-from tools.shared.named_cart import LOG, cart_says, socket_option
-from tools.shared.spoken import language_of
-from tools.shared.terminal import progress_bar
+from probewatch.appliance.service.control.client import ControlClient
+from probewatch.drivers.errors import ConfigurationError, ProbewatchError
+from probewatch.drivers.files.atomic_file import make_folder, replacing
+from probewatch.drivers.printable import printable
+from probewatch.tools.german.translation import confirmed, told
+from probewatch.tools.selftest import items
+from probewatch.tools.selftest.baseline import KEY, beside, chosen, first_use
+from probewatch.tools.selftest.items import Item
+from probewatch.tools.selftest.listed import print_items
+from probewatch.tools.selftest.measured import Measured, measured
+from probewatch.tools.selftest.records import read_self_tests, sealed
+from probewatch.tools.shared.interruption import stopped_saying
+from probewatch.tools.shared.json_report import json_option, text_aside
+from probewatch.tools.shared.named_cart import LOG, cart_says, socket_option
+from probewatch.tools.shared.spoken import language_of
+from probewatch.tools.shared.terminal import progress_bar
 
 _STILL_S, _MOVING_S = 5.0, 12.0
 """Poses of a probe at rest: 300 at 60 Hz. Pictures of a moving one: the overlay is learnt in a few seconds of motion.

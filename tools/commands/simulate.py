@@ -2,8 +2,8 @@
 
 import click
 
-from drivers.registry import drivers
-from tools.shared.lazy_group import LazyGroup
+from probewatch.drivers.registry import drivers
+from probewatch.tools.shared.lazy_group import LazyGroup
 
 _DEVICES = {
     "cart": "scanner, tracker and relay board together, and the configuration that fits them",
@@ -12,6 +12,6 @@ _DEVICES = {
 }
 
 
-@click.group("simulate", cls=LazyGroup, names=_DEVICES, prefix="tools.simulators.", heading="Devices")
+@click.group("simulate", cls=LazyGroup, names=_DEVICES, prefix="probewatch.tools.simulators.", heading="Devices")
 def command() -> None:
     """Simulate a device at its own protocol, or a whole cart, with faults at run time."""

@@ -9,10 +9,10 @@ import click
 from rich.console import Console
 from rich.live import Live
 
-from appliance.service.control.client import ControlClient
-from tools.shared.json_report import json_of, json_option
-from tools.shared.named_cart import socket_option
-from tools.shared.status_view import Status, StatusView, one_line
+from probewatch.appliance.service.control.client import ControlClient
+from probewatch.tools.shared.json_report import json_of, json_option
+from probewatch.tools.shared.named_cart import socket_option
+from probewatch.tools.shared.status_view import Status, StatusView, one_line
 
 _EVERY_S = 0.25
 """Between two pictures of `--watch`: seen as motion; more often would only take time from the ticks."""

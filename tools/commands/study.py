@@ -9,29 +9,37 @@ from typing import Any
 import click
 from rich.console import Console
 
-from appliance.core.parameters import MEASURED
-from appliance.limits import PROFILES, Profile
-from appliance.storage.calibration_file import calibration_bytes
-from drivers.errors import ConfigurationError, DeviceLost, RecordingError
-from drivers.files.atomic_file import check_kind
-from drivers.twins.scene.breathing import DIRECTIONS
-from drivers.twins.scene.surroundings import described, surroundings
-from tools.shared.found_recordings import found, is_there
-from tools.shared.recording_options import recording_options
-from tools.shared.tables import NOTHING, FittingTable
-from tools.shared.terminal import progress_bar
-from tools.shared.without_effect import refuse_typed
-from tools.study.archive import ARCHIVE_KEYS, CALIBRATION, NAMES, NOT_FETCHED, STATE, ArchiveTask, archive_table
-from tools.study.hand import ALL, PROGRAMS
-from tools.study.hazard import STANDARD, WITHIN, Hazard
-from tools.study.page import check_page, write_page
-from tools.study.plan import Task, planned, tasks
-from tools.study.samples import ASKED, DEFAULT, KEYS, Conditions
-from tools.study.session import TISSUES
-from tools.study.store import is_url, listed
-from tools.study.summary import Coverage, Detection, coverages, detections
-from tools.study.table import StudyTable
-from tools.study.workers import results
+from probewatch.appliance.core.parameters import MEASURED
+from probewatch.appliance.limits import PROFILES, Profile
+from probewatch.appliance.storage.calibration_file import calibration_bytes
+from probewatch.drivers.errors import ConfigurationError, DeviceLost, RecordingError
+from probewatch.drivers.files.atomic_file import check_kind
+from probewatch.drivers.twins.scene.breathing import DIRECTIONS
+from probewatch.drivers.twins.scene.surroundings import described, surroundings
+from probewatch.tools.shared.found_recordings import found, is_there
+from probewatch.tools.shared.recording_options import recording_options
+from probewatch.tools.shared.tables import NOTHING, FittingTable
+from probewatch.tools.shared.terminal import progress_bar
+from probewatch.tools.shared.without_effect import refuse_typed
+from probewatch.tools.study.archive import (
+    ARCHIVE_KEYS,
+    CALIBRATION,
+    NAMES,
+    NOT_FETCHED,
+    STATE,
+    ArchiveTask,
+    archive_table,
+)
+from probewatch.tools.study.hand import ALL, PROGRAMS
+from probewatch.tools.study.hazard import STANDARD, WITHIN, Hazard
+from probewatch.tools.study.page import check_page, write_page
+from probewatch.tools.study.plan import Task, planned, tasks
+from probewatch.tools.study.samples import ASKED, DEFAULT, KEYS, Conditions
+from probewatch.tools.study.session import TISSUES
+from probewatch.tools.study.store import is_url, listed
+from probewatch.tools.study.summary import Coverage, Detection, coverages, detections
+from probewatch.tools.study.table import StudyTable
+from probewatch.tools.study.workers import results
 
 _EXAMPLES = """
 \b

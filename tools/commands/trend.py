@@ -8,16 +8,16 @@ from typing import Any
 import click
 from rich.console import Console
 
-from appliance.core.quality.trend import Trend
-from appliance.storage.alarm_chain import Entry
-from tools.german.translation import recognised, told
-from tools.report.page import check_page
-from tools.report.trend_page import write_trend_page
-from tools.shared.alarm_history import settled_log, tell_damage
-from tools.shared.json_report import json_of, json_option
-from tools.shared.named_cart import cart_language, folder_argument
-from tools.shared.tables import FittingTable
-from tools.shared.trend_table import HEADINGS, references_of, row_of, trends, unit_of
+from probewatch.appliance.core.quality.trend import Trend
+from probewatch.appliance.storage.alarm_chain import Entry
+from probewatch.tools.german.translation import recognised, told
+from probewatch.tools.report.page import check_page
+from probewatch.tools.report.trend_page import write_trend_page
+from probewatch.tools.shared.alarm_history import settled_log, tell_damage
+from probewatch.tools.shared.json_report import json_of, json_option
+from probewatch.tools.shared.named_cart import cart_language, folder_argument
+from probewatch.tools.shared.tables import FittingTable
+from probewatch.tools.shared.trend_table import HEADINGS, references_of, row_of, trends, unit_of
 
 
 @click.command()

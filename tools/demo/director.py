@@ -4,9 +4,9 @@ A fault stays until the service has come to the last state it leads to, and the 
 has been verified again; so a slow machine gets the time it needs, and a fast one does not wait.
 """
 
-from appliance.types import State
-from drivers.twins.faults import Episode, Schedule
-from tools.demo.script import LONGEST_ON_S, LONGEST_RECOVERY_S, Injection, Planned, Script
+from probewatch.appliance.types import State
+from probewatch.drivers.twins.faults import Episode, Schedule
+from probewatch.tools.demo.script import LONGEST_ON_S, LONGEST_RECOVERY_S, Injection, Planned, Script
 
 _LEAD_S = 0.3
 """From an order to its effect: twins read their orders twenty times a second, and render ahead."""

@@ -7,10 +7,10 @@ from rich.console import Console, Group
 from rich.live import Live
 from rich.text import Text
 
-from appliance.supervision.alarms import SIGNALS
-from appliance.types import State
-from tools.demo.director import Director
-from tools.shared.status_view import Status, StatusView
+from probewatch.appliance.supervision.alarms import SIGNALS
+from probewatch.appliance.types import State
+from probewatch.tools.demo.director import Director
+from probewatch.tools.shared.status_view import Status, StatusView
 
 _REDRAWS_PER_S = 8
 """Enough to be seen as motion; each redraw takes time from the simulated cart on the same machine."""

@@ -2,9 +2,9 @@
 
 import time
 
-from appliance.service.host.pressure import Pressure
-from drivers.clock.host_clock import HostClock
-from drivers.closable import Closable
+from probewatch.appliance.service.host.pressure import Pressure
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.closable import Closable
 
 _WINDOW_NS = 1_000_000_000
 """Length of a window: long enough to hold 20 ticks, short enough to fall within one fault of the demo."""

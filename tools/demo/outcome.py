@@ -7,8 +7,8 @@ so that a recovery which comes too late is told as such and not taken for the ne
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from appliance.types import State
-from tools.demo.script import LONGEST_RECOVERY_S, Injection, Script
+from probewatch.appliance.types import State
+from probewatch.tools.demo.script import LONGEST_RECOVERY_S, Injection, Script
 
 _EVIDENCE_S = 10.0
 """What is reported of a moment rests on the motion of so many seconds before it."""

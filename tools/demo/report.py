@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 from rich.console import Console
 
-from appliance.core.quality.check_fields import up_to
-from appliance.types import State
-from tools.demo.outcome import Finding, History, Moment, Outcome, Prompt
-from tools.shared.tables import NOTHING, FittingTable
+from probewatch.appliance.core.quality.check_fields import up_to
+from probewatch.appliance.types import State
+from probewatch.tools.demo.outcome import Finding, History, Moment, Outcome, Prompt
+from probewatch.tools.shared.tables import NOTHING, FittingTable
 
 VERSION = 1
 _SHOWN = (State.WARNING, State.HALT, State.RECALIBRATION_REQUESTED, State.DEVICE_LOST)

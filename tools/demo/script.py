@@ -4,9 +4,9 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from itertools import accumulate
 
-from appliance.supervision.faults import FAULT_ROWS
-from appliance.types import Fault, State
-from drivers.errors import ConfigurationError
+from probewatch.appliance.supervision.faults import FAULT_ROWS
+from probewatch.appliance.types import Fault, State
+from probewatch.drivers.errors import ConfigurationError
 
 HEALTHY_S = 24.0
 """The first fault of the default script comes no sooner: about four seconds to start, the gesture that verifies, and

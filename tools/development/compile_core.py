@@ -15,6 +15,7 @@ from typing import Any
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
 CORE = "appliance/core/registration"
+PACKAGE = "tools/development/package/probewatch/__init__.py"
 BUILDS = {
     "x86_64": {"_compiled.so": "x86_64_v2", "_compiled_avx2.so": "x86_64_v2+avx2"},
     "aarch64": {"_compiled.so": "generic"},
@@ -31,7 +32,7 @@ FLAGS = [
 
 class CompileCore(BuildHookInterface):  # type: ignore[misc]
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
-        """A wheel carries the libraries; an editable installation finds them beside their source."""
+        """A wheel carries libraries and package; an editable installation finds both beside their source."""
         machine = os.environ.get("PROBEWATCH_MACHINE", platform.machine())
         if machine not in BUILDS:
             sys.exit(
@@ -42,7 +43,9 @@ class CompileCore(BuildHookInterface):  # type: ignore[misc]
         for name, processor in BUILDS[machine].items():
             compiled(sorted(core.glob("*.c")), place / name, f"{machine}-linux-gnu.{GLIBC}", processor)
             if version != "editable":
-                build_data["force_include"][str(place / name)] = f"{CORE}/{name}"
+                build_data["force_include"][str(place / name)] = f"probewatch/{CORE}/{name}"
+        if version != "editable":
+            build_data["force_include"][str(Path(self.root) / PACKAGE)] = "probewatch/__init__.py"
         build_data["pure_python"] = False
         build_data["tag"] = f"py3-none-linux_{machine}"
 

@@ -1,14 +1,15 @@
 """What is made of the drivers' descriptors: the tables of docs/trackers.md, docs/devices.md and docs/connect.md, each
-between two marks, and the unit's DeviceAllow, a drop-in of systemd. `python -m tools.development.manual` writes them.
+between two marks, and the unit's DeviceAllow, a drop-in of systemd. `python -m probewatch.tools.development.manual`
+writes them.
 """
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from drivers.descriptor import Driver, Option
-from drivers.registry import drivers
-from tools.development.markdown import table
-from tools.development.page_blocks import PageBlocks
+from probewatch.drivers.descriptor import Driver, Option
+from probewatch.drivers.registry import drivers
+from probewatch.tools.development.markdown import table
+from probewatch.tools.development.page_blocks import PageBlocks
 
 _ROOT = Path(__file__).parents[2]
 PAGES = tuple(_ROOT / "docs" / name for name in ("trackers.md", "devices.md", "connect.md"))

@@ -1,4 +1,4 @@
-"""`python -m tools.development.evidence PLAN`: does the runs of a plan that are not done yet, and writes
+"""`python -m probewatch.tools.development.evidence PLAN`: does the runs of a plan that are not done yet, and writes
 docs/evidence.json and the pages from it. `--table FILE` writes them from the rows of a study that is there.
 """
 
@@ -9,18 +9,18 @@ from pathlib import Path
 
 import click
 
-from tools.development.evidence_figures import Figures, figures
-from tools.development.evidence_pages import DATA, pages, read_figures
-from tools.development.study_rows import study_rows
-from tools.shared.terminal import progress_bar
-from tools.study.hand import GESTURED, PROGRAMS
-from tools.study.hazard import CREEP_S, STANDARD, Hazard, Manner
-from tools.study.plan import Task, planned, tasks
-from tools.study.samples import KEYS, WITHOUT_OFFSETS, Conditions
-from tools.study.session import TISSUES
-from tools.study.summary import Row
-from tools.study.table import StudyTable, code_digest
-from tools.study.workers import results
+from probewatch.tools.development.evidence_figures import Figures, figures
+from probewatch.tools.development.evidence_pages import DATA, pages, read_figures
+from probewatch.tools.development.study_rows import study_rows
+from probewatch.tools.shared.terminal import progress_bar
+from probewatch.tools.study.hand import GESTURED, PROGRAMS
+from probewatch.tools.study.hazard import CREEP_S, STANDARD, Hazard, Manner
+from probewatch.tools.study.plan import Task, planned, tasks
+from probewatch.tools.study.samples import KEYS, WITHOUT_OFFSETS, Conditions
+from probewatch.tools.study.session import TISSUES
+from probewatch.tools.study.summary import Row
+from probewatch.tools.study.table import StudyTable, code_digest
+from probewatch.tools.study.workers import results
 
 RESULTS = Path("results/evidence")
 _NOISES_MM = (0.1,)

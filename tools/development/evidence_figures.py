@@ -13,12 +13,12 @@ from typing import Any
 
 import numpy as np
 
-from appliance.core.parameters import MEASURED
-from appliance.types import Fault
-from tools.study.bound import least_delay_s
-from tools.study.hazard import FAULTS, HIDDEN_S, ONSET_S, Hazard, Manner
-from tools.study.session import FPS, Session
-from tools.study.summary import Row, Share, number, rightly_named, truth_of
+from probewatch.appliance.core.parameters import MEASURED
+from probewatch.appliance.types import Fault
+from probewatch.tools.study.bound import least_delay_s
+from probewatch.tools.study.hazard import FAULTS, HIDDEN_S, ONSET_S, Hazard, Manner
+from probewatch.tools.study.session import FPS, Session
+from probewatch.tools.study.summary import Row, Share, number, rightly_named, truth_of
 
 SOON_S = 10.0
 """Within which nearly every fault ought to be named, where the motion shows it."""

@@ -9,19 +9,19 @@ from statistics import mean, median, stdev
 
 from scipy.stats import t as student
 
-from appliance.core.parameters import MEASURED
-from appliance.types import Fault
-from tools.development.evidence_figures import SOON_S, Figures, Found, Healthy, Origin, of_fault
-from tools.development.evidence_pictures import coverage_picture, delay_picture, sensitivity_picture
-from tools.development.evidence_roc import roc_picture, roc_section
-from tools.development.false_alarm_pages import false_alarm_lines
-from tools.development.markdown import shared_aside, table
-from tools.development.slips import slip_page
-from tools.study.bound import FALSE_ALARM_H
-from tools.study.hazard import CREEP_S, FAULTS, HIDDEN_S, ONSET_S, Hazard, Manner
-from tools.study.samples import DEFAULT, WITHOUT_OFFSETS
-from tools.study.session import TISSUES
-from tools.study.summary import Share, false_rate_per_hour
+from probewatch.appliance.core.parameters import MEASURED
+from probewatch.appliance.types import Fault
+from probewatch.tools.development.evidence_figures import SOON_S, Figures, Found, Healthy, Origin, of_fault
+from probewatch.tools.development.evidence_pictures import coverage_picture, delay_picture, sensitivity_picture
+from probewatch.tools.development.evidence_roc import roc_picture, roc_section
+from probewatch.tools.development.false_alarm_pages import false_alarm_lines
+from probewatch.tools.development.markdown import shared_aside, table
+from probewatch.tools.development.slips import slip_page
+from probewatch.tools.study.bound import FALSE_ALARM_H
+from probewatch.tools.study.hazard import CREEP_S, FAULTS, HIDDEN_S, ONSET_S, Hazard, Manner
+from probewatch.tools.study.samples import DEFAULT, WITHOUT_OFFSETS
+from probewatch.tools.study.session import TISSUES
+from probewatch.tools.study.summary import Share, false_rate_per_hour
 
 _SENSITIVITY = f"""Sudden and creeping hazards begin at {ONSET_S:g} s, creeping ones grow for {CREEP_S:g} s, unseen
 ones happen while nothing is in sight for {HIDDEN_S:g} s. *Delay*: until the FAULT, median (range). *Bound*: the least

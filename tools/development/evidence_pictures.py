@@ -3,8 +3,8 @@
 from collections.abc import Iterable, Sequence
 from statistics import median
 
-from tools.development.evidence_figures import Found, Healthy
-from tools.report.svg import Plot, alone
+from probewatch.tools.development.evidence_figures import Found, Healthy
+from probewatch.tools.report.svg import Plot, alone
 
 _ROW, _FRAME = 22, 50
 """Height of one line of a drawing, and of its axis, units of the drawing: labels of 12 units do not touch."""

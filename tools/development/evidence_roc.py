@@ -3,13 +3,13 @@
 from itertools import cycle
 from statistics import mean
 
-from appliance.limits import NAMED_NATS, WITHDRAWN_NATS
-from appliance.types import Fault
-from tools.development.evidence_figures import Figures, Found, Healthy, of_fault
-from tools.development.markdown import table
-from tools.report.svg import Plot, alone
-from tools.study.hazard import FAULTS
-from tools.study.summary import Share
+from probewatch.appliance.limits import NAMED_NATS, WITHDRAWN_NATS
+from probewatch.appliance.types import Fault
+from probewatch.tools.development.evidence_figures import Figures, Found, Healthy, of_fault
+from probewatch.tools.development.markdown import table
+from probewatch.tools.report.svg import Plot, alone
+from probewatch.tools.study.hazard import FAULTS
+from probewatch.tools.study.summary import Share
 
 _ROC = """Share of runs in which the log likelihood ratio of the sequential test reached a threshold at any time (with a
 hazard: after its onset). *Area*: how often a run with the hazard came higher than a healthy one, ties by half. Left out

@@ -7,7 +7,7 @@ from typing import Any
 
 from scipy.stats import chi2
 
-from tools.development.markdown import table
+from probewatch.tools.development.markdown import table
 
 FIGURES = Path(__file__).parents[2] / "docs" / "false-alarms.json"
 _TAIL = 0.025

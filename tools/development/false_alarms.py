@@ -1,5 +1,5 @@
-"""`python -m tools.development.false_alarms`: how often healthy scanning raises a sign, a choice or a named fault, and
-how near the sequential test comes to one. Writes docs/false-alarms.json, which docs/evidence.md shows.
+"""`python -m probewatch.tools.development.false_alarms`: how often healthy scanning raises a sign, a choice or a named
+fault, and how near the sequential test comes to one. Writes docs/false-alarms.json, which docs/evidence.md shows.
 
 Paths without pictures: the session's own path with the errors of a registration goes straight into `Evidence`, at the
 cadence of the line, and its verdicts to the supervisor. What needs pictures, such as the slip watches, is not in it.
@@ -17,25 +17,25 @@ from pathlib import Path
 import click
 import numpy as np
 
-from appliance.core.path.window import PathWindow
-from appliance.core.quality.evidence import Evidence
-from appliance.core.quality.judgement import judge
-from appliance.core.quality.solution_schedule import solve_every_ns
-from appliance.limits import Limits
-from appliance.supervision.supervisor import TICK_NS, Durations, Inputs, Supervisor
-from appliance.types import Fault, Motion, MotionKind, State, VerdictKind
-from drivers.rigid import Array, rigid, rotation_from_vector
-from drivers.samples import Stamp
-from tools.development.false_alarm_pages import FIGURES
-from tools.shared.interruption import said_when_interrupted
-from tools.shared.terminal import progress_bar
-from tools.study.hand import PROGRAMS
-from tools.study.plan import tracker_of
-from tools.study.samples import POSE_HZ, frame_times, stamp_ns
-from tools.study.session import FPS, TISSUES, Session, picture_path
-from tools.study.summary import Row
-from tools.study.table import COMMIT, StudyTable, code_digest
-from tools.study.workers import results
+from probewatch.appliance.core.path.window import PathWindow
+from probewatch.appliance.core.quality.evidence import Evidence
+from probewatch.appliance.core.quality.judgement import judge
+from probewatch.appliance.core.quality.solution_schedule import solve_every_ns
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.supervision.supervisor import TICK_NS, Durations, Inputs, Supervisor
+from probewatch.appliance.types import Fault, Motion, MotionKind, State, VerdictKind
+from probewatch.drivers.rigid import Array, rigid, rotation_from_vector
+from probewatch.drivers.samples import Stamp
+from probewatch.tools.development.false_alarm_pages import FIGURES
+from probewatch.tools.shared.interruption import said_when_interrupted
+from probewatch.tools.shared.terminal import progress_bar
+from probewatch.tools.study.hand import PROGRAMS
+from probewatch.tools.study.plan import tracker_of
+from probewatch.tools.study.samples import POSE_HZ, frame_times, stamp_ns
+from probewatch.tools.study.session import FPS, TISSUES, Session, picture_path
+from probewatch.tools.study.summary import Row
+from probewatch.tools.study.table import COMMIT, StudyTable, code_digest
+from probewatch.tools.study.workers import results
 
 KEPT = Path("results/false-alarms")
 KEYS = ("session", "tissue", "noise", "seed", "duration_s")

@@ -11,11 +11,11 @@ from functools import cache
 from importlib import import_module
 from pathlib import Path
 
-from appliance.supervision.alarms import HAZARDS, SIGNALS, Priority
-from appliance.supervision.policy import Policy, Step
-from appliance.types import Fault
-from tools.development.evidence_figures import Figures, of_fault
-from tools.development.markdown import table
+from probewatch.appliance.supervision.alarms import HAZARDS, SIGNALS, Priority
+from probewatch.appliance.supervision.policy import Policy, Step
+from probewatch.appliance.types import Fault
+from probewatch.tools.development.evidence_figures import Figures, of_fault
+from probewatch.tools.development.markdown import table
 
 ROOT = Path(__file__).parents[2]
 PAGE, ANOMALIES = ROOT / "docs" / "hazards.md", ROOT / "docs" / "known-anomalies.md"
@@ -142,7 +142,7 @@ def _counted(file: str, finders: dict[Fault, list[str]]) -> int:
 
 
 def _module(file: str) -> str:
-    return file.removesuffix(".py").replace("/", ".")
+    return f"probewatch.{file.removesuffix('.py').replace('/', '.')}"
 
 
 def _imported(nodes: list[ast.AST]) -> Iterator[str]:

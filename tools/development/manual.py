@@ -1,7 +1,7 @@
-"""`python -m tools.development.manual`: writes docs/alarms.md from the supervisor's tables, docs/hazards.md from code
-and tests, docs/coverage.md and docs/evidence.md from docs/evidence.json,
-docs/profiles.md from docs/profiles.json, the drawings of the gestures in docs/pictures, and what the drivers say of
-themselves: tables of docs/trackers.md, docs/devices.md and docs/connect.md, and the unit's DeviceAllow.
+"""`python -m probewatch.tools.development.manual`: writes docs/alarms.md from the supervisor's tables, docs/hazards.md
+from code and tests, docs/coverage.md and docs/evidence.md from docs/evidence.json, docs/profiles.md from
+docs/profiles.json, the drawings of the gestures in docs/pictures, and what the drivers say of themselves: tables of
+docs/trackers.md, docs/devices.md and docs/connect.md, and the unit's DeviceAllow.
 """
 
 import re
@@ -12,27 +12,27 @@ from pathlib import Path
 
 from statemachine.transition import Transition
 
-from appliance.configuration.config import SupervisorTimes
-from appliance.core.parameters import QUANTITIES
-from appliance.core.quality.gesture import Gesture
-from appliance.core.times import PRESENT_NS
-from appliance.limits import NAMED_NATS, WITHDRAWN_NATS, Limits
-from appliance.supervision.alarms import EARLIER, HAZARDS, PARTLY_EARLIER, SIGNALS, Signal
-from appliance.supervision.annunciator import BURSTS, LAMP_TEST_NS
-from appliance.supervision.audio import LONGEST_PAUSE_NS, REMINDER_NS
-from appliance.supervision.fault_row import FaultRow
-from appliance.supervision.ledger import Ledger
-from appliance.supervision.policy import Durations
-from appliance.supervision.supervisor import AlarmTable
-from appliance.types import Fault, State
-from tools.development import profiles as profile_page
-from tools.development.driver_pages import written as driver_pages
-from tools.development.evidence_pages import pages, read_figures
-from tools.development.hazards import PAGE, TESTS, hazards, step_text, steps, traced
-from tools.development.markdown import table
-from tools.development.reset_pages import written as reset_pages
-from tools.development.status_pages import written as status_pages
-from tools.shared.gesture_drawings import drawing
+from probewatch.appliance.configuration.config import SupervisorTimes
+from probewatch.appliance.core.parameters import QUANTITIES
+from probewatch.appliance.core.quality.gesture import Gesture
+from probewatch.appliance.core.times import PRESENT_NS
+from probewatch.appliance.limits import NAMED_NATS, WITHDRAWN_NATS, Limits
+from probewatch.appliance.supervision.alarms import EARLIER, HAZARDS, PARTLY_EARLIER, SIGNALS, Signal
+from probewatch.appliance.supervision.annunciator import BURSTS, LAMP_TEST_NS
+from probewatch.appliance.supervision.audio import LONGEST_PAUSE_NS, REMINDER_NS
+from probewatch.appliance.supervision.fault_row import FaultRow
+from probewatch.appliance.supervision.ledger import Ledger
+from probewatch.appliance.supervision.policy import Durations
+from probewatch.appliance.supervision.supervisor import AlarmTable
+from probewatch.appliance.types import Fault, State
+from probewatch.tools.development import profiles as profile_page
+from probewatch.tools.development.driver_pages import written as driver_pages
+from probewatch.tools.development.evidence_pages import pages, read_figures
+from probewatch.tools.development.hazards import PAGE, TESTS, hazards, step_text, steps, traced
+from probewatch.tools.development.markdown import table
+from probewatch.tools.development.reset_pages import written as reset_pages
+from probewatch.tools.development.status_pages import written as status_pages
+from probewatch.tools.shared.gesture_drawings import drawing
 
 MANUAL = Path(__file__).parents[2] / "docs" / "alarms.md"
 _OWN = {

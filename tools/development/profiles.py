@@ -1,5 +1,5 @@
-"""`python -m tools.development.profiles --table study.csv`: what each profile of the limits costs and finds. Writes
-docs/profiles.json from the rows of `probewatch study`, and docs/profiles.md from that.
+"""`python -m probewatch.tools.development.profiles --table study.csv`: what each profile of the limits costs and finds.
+Writes docs/profiles.json from the rows of `probewatch study`, and docs/profiles.md from that.
 """
 
 import json
@@ -11,14 +11,14 @@ from typing import Any
 
 import click
 
-from appliance.core.parameters import CLASSES, MEASURED, QUANTITIES
-from appliance.limits import PROFILES, Limits
-from appliance.types import Fault
-from tools.development.evidence_pages import DOCS
-from tools.development.markdown import shared_aside, table
-from tools.development.study_rows import study_rows
-from tools.study.samples import KEYS
-from tools.study.summary import Row, Share, false_rate_per_hour, number
+from probewatch.appliance.core.parameters import CLASSES, MEASURED, QUANTITIES
+from probewatch.appliance.limits import PROFILES, Limits
+from probewatch.appliance.types import Fault
+from probewatch.tools.development.evidence_pages import DOCS
+from probewatch.tools.development.markdown import shared_aside, table
+from probewatch.tools.development.study_rows import study_rows
+from probewatch.tools.study.samples import KEYS
+from probewatch.tools.study.summary import Row, Share, false_rate_per_hour, number
 
 DATA, PAGE = DOCS / "profiles.json", DOCS / "profiles.md"
 _NAMED_S = 15.0
@@ -226,7 +226,8 @@ that share widens the sigma of the axial scale, so `fine` and `clinical` are har
 on a rigid table. In tissue that may give way motion names rotation, scale and offset from the limits of `coarse` on,
 whatever the profile."""
 _CELLS = "Runs in which the contact closed (95 %); when it first did; share of the session. Medians (least–most)."
-_COMMAND = """Written by `python -m tools.development.profiles --table study.csv` from rows of `probewatch study`:
+_COMMAND = """Written by `python -m probewatch.tools.development.profiles --table study.csv` from rows of `probewatch
+study`:
 
 ```
 probewatch study --sessions gesture-hold --tissues rigid,half-30+deep --seeds 3 --duration 20 --noise-mm .1,.25 \\

@@ -1,12 +1,12 @@
 """Generates the table in docs/method.md of what each cause resets in the evidence, from `RESETS`.
-`python -m tools.development.manual` writes it.
+`python -m probewatch.tools.development.manual` writes it.
 """
 
 from pathlib import Path
 
-from appliance.core.quality.resets import RESETS, Cause
-from tools.development.markdown import table
-from tools.development.page_blocks import PageBlocks
+from probewatch.appliance.core.quality.resets import RESETS, Cause
+from probewatch.tools.development.markdown import table
+from probewatch.tools.development.page_blocks import PageBlocks
 
 PAGE = Path(__file__).parents[2] / "docs/method.md"
 

@@ -1,4 +1,4 @@
-"""`python -m tools.development.self_test_picture RECORD`: writes docs/pictures/self-test.svg.
+"""`python -m probewatch.tools.development.self_test_picture RECORD`: writes docs/pictures/self-test.svg.
 
 RECORD is what a self-test of this version has kept, such as of `probewatch simulate cart` on a busy computer; the
 picture is what that self-test printed, of a terminal of 110 columns.
@@ -13,8 +13,8 @@ from typing import Any
 import click
 from rich.console import Console
 
-from tools.selftest.items import Item
-from tools.selftest.listed import print_items
+from probewatch.tools.selftest.items import Item
+from probewatch.tools.selftest.listed import print_items
 
 PICTURE = Path(__file__).parents[2] / "docs" / "pictures" / "self-test.svg"
 _COLUMNS = 110

@@ -1,5 +1,5 @@
-"""`python -m tools.development.slips`: how often slips of the marker body are seen, by session and duration, and how
-often one is seen that is none. Writes docs/slips.json, which docs/evidence.md shows.
+"""`python -m probewatch.tools.development.slips`: how often slips of the marker body are seen, by session and duration,
+and how often one is seen that is none. Writes docs/slips.json, which docs/evidence.md shows.
 
 The pictures of a session are registered once, without a slip, and that is kept in results/slips. The poses of the
 tracker, with new noise and a slip at a random time, are played against it. A slip changes no picture, only when the
@@ -15,21 +15,21 @@ from typing import NamedTuple
 
 import numpy as np
 
-from appliance.core.detectors.detector import Detector
-from appliance.core.detectors.marker_slip import MarkerSlip
-from appliance.core.detectors.observation import Observation
-from appliance.core.detectors.slow_slip import SLIPS_S, SlowSlip
-from appliance.core.line import Line
-from appliance.limits import Limits
-from appliance.types import Check, Fault, VerdictKind
-from drivers.rigid import Array, interpolate, rigid, rotation_from_vector
-from drivers.samples import Matrix4, Pose, PoseStatus, Stamp
-from tools.development.markdown import table
-from tools.study.hazard import FAULTS
-from tools.study.plan import tracker_of
-from tools.study.samples import POSE_HZ, Conditions, rendered, samples, seconds, stamp_ns
-from tools.study.session import Session
-from tools.study.summary import Share
+from probewatch.appliance.core.detectors.detector import Detector
+from probewatch.appliance.core.detectors.marker_slip import MarkerSlip
+from probewatch.appliance.core.detectors.observation import Observation
+from probewatch.appliance.core.detectors.slow_slip import SLIPS_S, SlowSlip
+from probewatch.appliance.core.line import Line
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.types import Check, Fault, VerdictKind
+from probewatch.drivers.rigid import Array, interpolate, rigid, rotation_from_vector
+from probewatch.drivers.samples import Matrix4, Pose, PoseStatus, Stamp
+from probewatch.tools.development.markdown import table
+from probewatch.tools.study.hazard import FAULTS
+from probewatch.tools.study.plan import tracker_of
+from probewatch.tools.study.samples import POSE_HZ, Conditions, rendered, samples, seconds, stamp_ns
+from probewatch.tools.study.session import Session
+from probewatch.tools.study.summary import Share
 
 ROOT = Path(__file__).parents[2]
 FIGURES, KEPT = ROOT / "docs" / "slips.json", ROOT / "results" / "slips"
@@ -256,10 +256,10 @@ def slip_page() -> list[str]:
 
 _HEAD = """## Slips of the marker body in view
 
-The slip watches alone (`python -m tools.development.slips`): slips about or along each axis, either sign, at random
-times of one minute of each session ({sessions}; seed 1, 0.1 mm, 60 poses a second). *Named*: the right FAULT within
-{soon:g} s after the slip was complete. *Withdrawn*: nothing is named, but everything must be shown again. Slower slips
-are not named, since moving tissue looks the same; slips out of the plane are not seen."""
+The slip watches alone (`python -m probewatch.tools.development.slips`): slips about or along each axis, either sign, at
+random times of one minute of each session ({sessions}; seed 1, 0.1 mm, 60 poses a second). *Named*: the right FAULT
+within {soon:g} s after the slip was complete. *Withdrawn*: nothing is named, but everything must be shown again. Slower
+slips are not named, since moving tissue looks the same; slips out of the plane are not seen."""
 _COLUMNS = ("slip, tissue", *("one reading" if one == 0 else f"over {one:g} s" for one in LASTING_S))
 
 

@@ -1,4 +1,5 @@
-"""`python -m tools.development.status_film`: writes docs/pictures/status.svg, the moving picture of the README.
+"""`python -m probewatch.tools.development.status_film`: writes docs/pictures/status.svg, the moving picture of the
+README.
 
 It starts the simulated cart of `probewatch demo`, asks the service for its status twice a second, bends the marker body
 once the calibration is verified, and draws what `probewatch status --watch` shows, at the pace at which it came.
@@ -15,10 +16,10 @@ from pathlib import Path
 from rich.console import Console
 from rich.text import Text
 
-from appliance.types import State
-from drivers.twins.faults import Episode, Schedule
-from tools.shared.status_view import Status, StatusView
-from tools.simulators.whole_cart import CartSettings, NotReady, SimulatedCart
+from probewatch.appliance.types import State
+from probewatch.drivers.twins.faults import Episode, Schedule
+from probewatch.tools.shared.status_view import Status, StatusView
+from probewatch.tools.simulators.whole_cart import CartSettings, NotReady, SimulatedCart
 
 PICTURE = Path(__file__).parents[2] / "docs" / "pictures" / "status.svg"
 LARGEST_BYTES = 1_000_000

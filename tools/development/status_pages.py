@@ -1,13 +1,13 @@
 """Generates the tables and lists of docs/control.md and docs/monitoring.md from the rows of the status.
-`python -m tools.development.manual` writes them.
+`python -m probewatch.tools.development.manual` writes them.
 """
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from appliance.service.control.status_fields import STATUS, Field, Kind
-from tools.development.markdown import table
-from tools.development.page_blocks import PageBlocks
+from probewatch.appliance.service.control.status_fields import STATUS, Field, Kind
+from probewatch.tools.development.markdown import table
+from probewatch.tools.development.page_blocks import PageBlocks
 
 _DOCS = Path(__file__).parents[2] / "docs"
 PAGES = (_DOCS / "control.md", _DOCS / "monitoring.md")

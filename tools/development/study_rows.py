@@ -4,8 +4,8 @@ import csv
 from collections.abc import Collection
 from pathlib import Path
 
-from drivers.errors import ConfigurationError
-from tools.study.summary import Row
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.tools.study.summary import Row
 
 
 def study_rows(path: Path, columns: Collection[str], options: str = "") -> list[Row]:

@@ -1,4 +1,5 @@
-"""`python -m tools.development.vulnerabilities PIP_AUDIT LOCK`: are there known vulnerabilities in what a cart runs?
+"""`python -m probewatch.tools.development.vulnerabilities PIP_AUDIT LOCK`: are there known vulnerabilities in what a
+cart runs?
 
 pip-audit ends well also where it has reached no database and looked nothing up; that is told as "NOT CHECKED" here.
 """

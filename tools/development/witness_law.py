@@ -1,5 +1,5 @@
-"""`python -m tools.development.witness_law`: how often two marker bodies that nobody touched are named, and how soon
-two that were.
+"""`python -m probewatch.tools.development.witness_law`: how often two marker bodies that nobody touched are named, and
+how soon two that were.
 
 The noise of two bodies, hour by hour, under the very windows and thresholds of the detector
 (appliance.core.detectors.witness), many at a time: the tests hold the two against each other.
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from appliance.core.detectors.witness import (
+from probewatch.appliance.core.detectors.witness import (
     BLOCKS,
     FRESH_BLOCKS,
     LEARN_NS,
@@ -28,8 +28,8 @@ from appliance.core.detectors.witness import (
     scale_of,
     thresholds,
 )
-from appliance.limits import Limits
-from drivers.rigid import Array
+from probewatch.appliance.limits import Limits
+from probewatch.drivers.rigid import Array
 
 HOURS = 1000
 """Simulated for each tracker: the promise is one false alarm in as many. More takes longer, less shows less."""

@@ -1,7 +1,7 @@
 """German of what `probe`, `devices` and a trial of `configure` say of devices. What a device calls itself stays."""
 
-from tools.german.free_texts import FreeTexts
-from tools.german.remarks import GERMAN_OF_REMARKS
+from probewatch.tools.german.free_texts import FreeTexts
+from probewatch.tools.german.remarks import GERMAN_OF_REMARKS
 
 GERMAN_OF_MENDING = {
     "Check that the device is switched on and measures": "Prüfen, ob das Gerät eingeschaltet ist und misst",

@@ -1,6 +1,6 @@
 """German of what `record` says of the recorder."""
 
-from tools.german.free_texts import FreeTexts
+from probewatch.tools.german.free_texts import FreeTexts
 
 GERMAN_OF_RECORDER = {
     "recorder": "Aufzeichnung",

@@ -16,15 +16,15 @@ from pathlib import Path
 
 import click
 
-from appliance.supervision.languages import GERMAN, Texts
-from drivers.errors import ProbewatchError
-from tools.german.calibrations import GERMAN_OF_CALIBRATIONS
-from tools.german.devices import GERMAN_OF_MENDING
-from tools.german.errors import GERMAN_OF_ERRORS
-from tools.german.questions import GERMAN_OF_QUESTIONS
-from tools.german.reports import GERMAN_OF_REPORTS
-from tools.german.setup import GERMAN_OF_SETUP
-from tools.german.texts import GERMAN_OF_TOOLS
+from probewatch.appliance.supervision.languages import GERMAN, Texts
+from probewatch.drivers.errors import ProbewatchError
+from probewatch.tools.german.calibrations import GERMAN_OF_CALIBRATIONS
+from probewatch.tools.german.devices import GERMAN_OF_MENDING
+from probewatch.tools.german.errors import GERMAN_OF_ERRORS
+from probewatch.tools.german.questions import GERMAN_OF_QUESTIONS
+from probewatch.tools.german.reports import GERMAN_OF_REPORTS
+from probewatch.tools.german.setup import GERMAN_OF_SETUP
+from probewatch.tools.german.texts import GERMAN_OF_TOOLS
 
 _ALL = {**GERMAN, **GERMAN_OF_TOOLS, **GERMAN_OF_SETUP, **GERMAN_OF_QUESTIONS, **GERMAN_OF_REPORTS}
 _PAGE = Path(__file__).parents[1] / "page" / "files" / "german.js"

@@ -1,6 +1,6 @@
 """German of what click refuses of a command line, and of what the technician's commands refuse of their options."""
 
-from tools.german.free_texts import FreeTexts
+from probewatch.tools.german.free_texts import FreeTexts
 
 GERMAN_OF_USAGE = {
     # options, arguments and commands

@@ -13,9 +13,9 @@ from typing import Any, Self
 
 from prometheus_client import CONTENT_TYPE_LATEST
 
-from drivers.errors import cannot_listen
-from drivers.printable import printable
-from tools.shared.called_host import called, is_address
+from probewatch.drivers.errors import cannot_listen
+from probewatch.drivers.printable import printable
+from probewatch.tools.shared.called_host import called, is_address
 
 _MOST = 16
 """Clients at once, each with a thread. One more ends one that has asked nothing, of the address from which most such

@@ -19,12 +19,12 @@ from prometheus_client.core import (
     Metric,
 )
 
-from appliance.service.control.status_fields import STATUS, Field, Kind
-from appliance.service.control.status_fields import Metric as Row
-from appliance.supervision.alarms import HAZARDS
-from appliance.supervision.annunciator import Role
-from appliance.types import PARAMETERS, POINT_LEVELS, State
-from tools.shared.profile_text import profile_text
+from probewatch.appliance.service.control.status_fields import STATUS, Field, Kind
+from probewatch.appliance.service.control.status_fields import Metric as Row
+from probewatch.appliance.supervision.alarms import HAZARDS
+from probewatch.appliance.supervision.annunciator import Role
+from probewatch.appliance.types import PARAMETERS, POINT_LEVELS, State
+from probewatch.tools.shared.profile_text import profile_text
 
 Status = Mapping[str, Any]
 

@@ -11,8 +11,8 @@ from dataclasses import asdict, dataclass, field
 from http.client import HTTPException, InvalidURL
 from typing import Any
 
-from drivers.errors import ConfigurationError, DeviceLost, system_words
-from drivers.printable import printable
+from probewatch.drivers.errors import ConfigurationError, DeviceLost, system_words
+from probewatch.drivers.printable import printable
 
 _TIMEOUT_S = 10.0
 """For which one answer may take, the whole of it: a question about a hundred carts takes ms, one that hangs or drips

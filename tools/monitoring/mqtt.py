@@ -28,12 +28,12 @@ from paho.mqtt.enums import MQTTErrorCode, MQTTProtocolVersion
 from paho.mqtt.packettypes import PacketTypes
 from paho.mqtt.properties import Properties
 
-from appliance.service.control.status_fields import STATUS
-from drivers.errors import ConfigurationError, system_words
-from drivers.printable import printable
-from tools.monitoring.exposition import Status, contact_closed
-from tools.monitoring.home_assistant import discovery
-from tools.monitoring.mqtt_client import TellingClient
+from probewatch.appliance.service.control.status_fields import STATUS
+from probewatch.drivers.errors import ConfigurationError, system_words
+from probewatch.drivers.printable import printable
+from probewatch.tools.monitoring.exposition import Status, contact_closed
+from probewatch.tools.monitoring.home_assistant import discovery
+from probewatch.tools.monitoring.mqtt_client import TellingClient
 
 _PORTS = {"mqtt": 1883, "mqtts": 8883}  # registered with IANA
 _KEEPALIVE_S = 10

@@ -7,9 +7,9 @@ from pathlib import Path
 from prometheus_client import CollectorRegistry, Metric, generate_latest
 from prometheus_client.registry import Collector
 
-from appliance.service.control.client import ControlClient
-from drivers.errors import ProbewatchError
-from tools.monitoring.exposition import Status, families, silent
+from probewatch.appliance.service.control.client import ControlClient
+from probewatch.drivers.errors import ProbewatchError
+from probewatch.tools.monitoring.exposition import Status, families, silent
 
 TIMEOUT_S = 2.0
 """For which the service may be silent: it answers within a tick of 0.05 s. Prometheus gives up after 10 s by default;

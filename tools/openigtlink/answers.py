@@ -4,9 +4,9 @@ import json
 from collections.abc import Callable
 from xml.sax.saxutils import quoteattr
 
-from drivers.errors import ProtocolError
-from drivers.files.markup import xml_of
-from drivers.openigtlink.content import (
+from probewatch.drivers.errors import ProtocolError
+from probewatch.drivers.files.markup import xml_of
+from probewatch.drivers.openigtlink.content import (
     NOT_FOUND,
     UNKNOWN_INSTRUCTION,
     Command,
@@ -15,11 +15,11 @@ from drivers.openigtlink.content import (
     parse_words,
     types_content,
 )
-from drivers.openigtlink.message import UTF_8, Message
-from drivers.printable import printable
-from tools.openigtlink.asked import Names
-from tools.openigtlink.replies import number_of, refusal
-from tools.openigtlink.wording import (
+from probewatch.drivers.openigtlink.message import UTF_8, Message
+from probewatch.drivers.printable import printable
+from probewatch.tools.openigtlink.asked import Names
+from probewatch.tools.openigtlink.replies import number_of, refusal
+from probewatch.tools.openigtlink.wording import (
     ESTIMATE_NAME,
     NAMES,
     STATUS_NAME,
@@ -31,7 +31,7 @@ from tools.openigtlink.wording import (
     status_of,
     transform_message,
 )
-from tools.shared.status_watch import Seen
+from probewatch.tools.shared.status_watch import Seen
 
 TYPES = (
     "STATUS", "STRING", "TRANSFORM", "IMAGE", "CAPABILITY", "GET_STATUS", "GET_STRING", "GET_TRANS", "GET_IMAGE",

@@ -2,9 +2,9 @@
 
 from typing import NamedTuple
 
-from drivers.openigtlink.content import NOT_FOUND, NOT_PRESENT, Status
-from drivers.openigtlink.message import Message
-from tools.openigtlink.replies import refusal, reply
+from probewatch.drivers.openigtlink.content import NOT_FOUND, NOT_PRESENT, Status
+from probewatch.drivers.openigtlink.message import Message
+from probewatch.tools.openigtlink.replies import refusal, reply
 
 _ONCE_S = 5.0
 """For which one who asked for the next picture or pose waits, until it is answered that none comes: as long as a client

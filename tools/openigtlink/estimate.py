@@ -4,10 +4,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from appliance.storage.image_to_probe import calibration_from_image_to_probe, image_to_probe
-from appliance.types import PARAMETERS, VerdictKind
-from drivers.samples import Matrix4
-from tools.shared.stated_change import stated_change
+from probewatch.appliance.storage.image_to_probe import calibration_from_image_to_probe, image_to_probe
+from probewatch.appliance.types import PARAMETERS, VerdictKind
+from probewatch.drivers.samples import Matrix4
+from probewatch.tools.shared.stated_change import stated_change
 
 
 class Estimate(NamedTuple):

@@ -8,12 +8,12 @@ from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
-from appliance.service.feed.message import FeedMessage, Taken
-from appliance.service.feed.request import FeedRequest
-from drivers.errors import ProbewatchError
-from drivers.samples import Frame, Pose, PoseStatus
-from tools.shared.feed import Feed
-from tools.shared.threaded import Threaded
+from probewatch.appliance.service.feed.message import FeedMessage, Taken
+from probewatch.appliance.service.feed.request import FeedRequest
+from probewatch.drivers.errors import ProbewatchError
+from probewatch.drivers.samples import Frame, Pose, PoseStatus
+from probewatch.tools.shared.feed import Feed
+from probewatch.tools.shared.threaded import Threaded
 
 _MOST_POSES = 64
 """That wait for the server, a second of 60 Hz: then the oldest go. More hands on what is late, less loses some while a

@@ -1,9 +1,9 @@
 """Replies to one question, in the version of its header, with its number where that has one. Pure."""
 
-from drivers.errors import ProtocolError
-from drivers.openigtlink.client import FOLLOW_REMEDY
-from drivers.openigtlink.content import CHECK_SUM, INVALID, Status
-from drivers.openigtlink.message import CheckSumError, Header, Message
+from probewatch.drivers.errors import ProtocolError
+from probewatch.drivers.openigtlink.client import FOLLOW_REMEDY
+from probewatch.drivers.openigtlink.content import CHECK_SUM, INVALID, Status
+from probewatch.drivers.openigtlink.message import CheckSumError, Header, Message
 
 
 def reply(message: Message, kind: str, content: bytes) -> Message:

@@ -1,10 +1,10 @@
 """Pictures and poses of the service as IMAGE and TRANSFORM, with the time at which they were true. Pure."""
 
-from drivers.openigtlink.content import transform_content
-from drivers.openigtlink.image import Image
-from drivers.openigtlink.message import UTF_8, Entry, Message, time_of
-from drivers.samples import Frame, Pose
-from tools.openigtlink.asked import Names
+from probewatch.drivers.openigtlink.content import transform_content
+from probewatch.drivers.openigtlink.image import Image
+from probewatch.drivers.openigtlink.message import UTF_8, Entry, Message, time_of
+from probewatch.drivers.samples import Frame, Pose
+from probewatch.tools.openigtlink.asked import Names
 
 _NUMBERS = 1 << 32
 """Of messages, by the specification."""

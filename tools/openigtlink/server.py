@@ -8,20 +8,20 @@ from collections.abc import Callable
 from contextlib import suppress
 from threading import Event
 
-from drivers.closable import Closable
-from drivers.errors import ProtocolError, cannot_listen
-from drivers.openigtlink.client import FOLLOW_REMEDY
-from drivers.openigtlink.message import Header, Message, encode
-from drivers.openigtlink.stream import MessageStream
-from drivers.samples import Frame, Pose
-from tools.openigtlink.answers import answer_to
-from tools.openigtlink.asked import USUAL_NAMES, Asked, Names, nothing_comes
-from tools.openigtlink.passage import Passage, Wanted
-from tools.openigtlink.replies import damaged
-from tools.openigtlink.samples import sample_message
-from tools.openigtlink.wording import estimate_message, state_message, status_message, transform_message
-from tools.shared.called_host import endpoint_text
-from tools.shared.status_watch import Seen, StatusWatch
+from probewatch.drivers.closable import Closable
+from probewatch.drivers.errors import ProtocolError, cannot_listen
+from probewatch.drivers.openigtlink.client import FOLLOW_REMEDY
+from probewatch.drivers.openigtlink.message import Header, Message, encode
+from probewatch.drivers.openigtlink.stream import MessageStream
+from probewatch.drivers.samples import Frame, Pose
+from probewatch.tools.openigtlink.answers import answer_to
+from probewatch.tools.openigtlink.asked import USUAL_NAMES, Asked, Names, nothing_comes
+from probewatch.tools.openigtlink.passage import Passage, Wanted
+from probewatch.tools.openigtlink.replies import damaged
+from probewatch.tools.openigtlink.samples import sample_message
+from probewatch.tools.openigtlink.wording import estimate_message, state_message, status_message, transform_message
+from probewatch.tools.shared.called_host import endpoint_text
+from probewatch.tools.shared.status_watch import Seen, StatusWatch
 
 _MOST_CLIENTS = 32
 """At once; for the next one a client leaves that has started no stream, else it is sent away. Each costs a descriptor,

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from appliance.types import State
-from drivers.openigtlink.content import (
+from probewatch.appliance.types import State
+from probewatch.drivers.openigtlink.content import (
     CONFIGURATION,
     HARDWARE,
     NOT_PRESENT,
@@ -22,9 +22,9 @@ from drivers.openigtlink.content import (
     Words,
     transform_content,
 )
-from drivers.openigtlink.message import US_ASCII, UTF_8, Entry, Message, time_of
-from tools.openigtlink.estimate import estimate_of
-from tools.shared.status_watch import Seen
+from probewatch.drivers.openigtlink.message import US_ASCII, UTF_8, Entry, Message, time_of
+from probewatch.tools.openigtlink.estimate import estimate_of
+from probewatch.tools.shared.status_watch import Seen
 
 STATUS_NAME, STATE_NAME, TRANSFORM_NAME = "Probewatch", "ProbewatchState", "ImageToProbe"
 ESTIMATE_NAME = "ImageToProbeEstimate"

@@ -4,8 +4,8 @@ import time
 from pathlib import Path
 from typing import Any
 
-from appliance.storage.alarm_chain import read_log
-from tools.page.past import hour, last_states
+from probewatch.appliance.storage.alarm_chain import read_log
+from probewatch.tools.page.past import hour, last_states
 
 _EVERY_S = 5.0
 """Between two readings at most: one of 40,000 entries takes .3 s of the processor. Not measured on a cart."""

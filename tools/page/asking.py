@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from appliance.service.control.client import ControlClient
+from probewatch.appliance.service.control.client import ControlClient
 
 _SILENCE_S = 120.0
 """The longest that the service grants; whoever needs longer says why, with `probewatch pause --off`."""

@@ -4,10 +4,10 @@ from collections.abc import Mapping, Sequence
 from math import floor, log10
 from typing import Any
 
-from appliance.core.parameters import MEASURED
-from appliance.supervision.languages import translated_text
-from appliance.types import Fault
-from tools.page.wording import figures
+from probewatch.appliance.core.parameters import MEASURED
+from probewatch.appliance.supervision.languages import translated_text
+from probewatch.appliance.types import Fault
+from probewatch.tools.page.wording import figures
 
 NAMES = (Fault.POLARITY.value, *MEASURED)
 """Of the rows, in their order."""

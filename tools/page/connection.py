@@ -9,7 +9,7 @@ from typing import Any
 
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
-from tools.page.pace import Pace
+from probewatch.tools.page.pace import Pace
 
 MOST_AT_ONCE = 64
 """Connections: six of each of eight browsers, and some. More takes memory from the cart."""

@@ -3,11 +3,11 @@
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from appliance.supervision.alarms import HAZARDS
-from appliance.supervision.fault_row import Device
-from appliance.supervision.faults import of_device
-from appliance.supervision.languages import translated
-from appliance.types import Fault, Kind
+from probewatch.appliance.supervision.alarms import HAZARDS
+from probewatch.appliance.supervision.fault_row import Device
+from probewatch.appliance.supervision.faults import of_device
+from probewatch.appliance.supervision.languages import translated
+from probewatch.appliance.types import Fault, Kind
 
 _ROLES = {Device.SCANNER: "video", Device.TRACKER: "tracker", Device.CONTACT: "output"}
 """As `lost` and `fps` of the status name them."""

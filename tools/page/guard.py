@@ -5,9 +5,9 @@ from collections.abc import Awaitable, Callable
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from drivers.printable import printable
-from tools.page.request_body import refused
-from tools.shared.called_host import called
+from probewatch.drivers.printable import printable
+from probewatch.tools.page.request_body import refused
+from probewatch.tools.shared.called_host import called
 
 _POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; connect-src 'self'; "

@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 from datetime import datetime
 from typing import Any
 
-from appliance.storage.alarm_chain import Entry, Event
-from appliance.supervision.alarms import SIGNALS, Priority
-from appliance.types import State
-from drivers.printable import printable
+from probewatch.appliance.storage.alarm_chain import Entry, Event
+from probewatch.appliance.supervision.alarms import SIGNALS, Priority
+from probewatch.appliance.types import State
+from probewatch.drivers.printable import printable
 
 HOUR_S = 3600.0
 """Past that the page shows, in s. More makes short alarms too thin to be seen. Not varied."""

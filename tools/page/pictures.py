@@ -9,12 +9,12 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from appliance.service.feed.message import Taken
-from appliance.service.feed.request import FeedRequest
-from drivers.errors import ProbewatchError
-from drivers.samples import Frame, GreyImage
-from tools.shared.feed import Feed
-from tools.shared.threaded import Threaded
+from probewatch.appliance.service.feed.message import Taken
+from probewatch.appliance.service.feed.request import FeedRequest
+from probewatch.drivers.errors import ProbewatchError
+from probewatch.drivers.samples import Frame, GreyImage
+from probewatch.tools.shared.feed import Feed
+from probewatch.tools.shared.threaded import Threaded
 
 _EVERY, _MOST_PX = 3, 960
 """One picture of three, ten a second of a scanner at 30 Hz; longest side. More shows smoother motion and takes the

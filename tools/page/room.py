@@ -3,15 +3,15 @@
 from collections.abc import Mapping
 from typing import Any
 
-from appliance.supervision.alarms import EARLIER, PARTLY_EARLIER
-from appliance.supervision.languages import translated
-from tools.page.bars import bars
-from tools.page.contours import contours
-from tools.page.devices import devices
-from tools.page.wording import figures
-from tools.shared.gesture_drawings import drawn
-from tools.shared.point_text import point_text
-from tools.shared.profile_text import profile_text
+from probewatch.appliance.supervision.alarms import EARLIER, PARTLY_EARLIER
+from probewatch.appliance.supervision.languages import translated
+from probewatch.tools.page.bars import bars
+from probewatch.tools.page.contours import contours
+from probewatch.tools.page.devices import devices
+from probewatch.tools.page.wording import figures
+from probewatch.tools.shared.gesture_drawings import drawn
+from probewatch.tools.shared.point_text import point_text
+from probewatch.tools.shared.profile_text import profile_text
 
 _PARTS = " · "
 """Between the clauses of the status's text."""

@@ -3,9 +3,9 @@
 from collections.abc import Callable
 from typing import Any
 
-from tools.page.request_body import number, text, whole
-from tools.recalibration.paperwork import Begin, Signature
-from tools.recalibration.session import ScanSession
+from probewatch.tools.page.request_body import number, text, whole
+from probewatch.tools.recalibration.paperwork import Begin, Signature
+from probewatch.tools.recalibration.session import ScanSession
 
 
 def _begin(body: dict[str, Any]) -> Begin:

@@ -21,22 +21,22 @@ from starlette.responses import JSONResponse, Response, StreamingResponse
 from starlette.routing import Route
 from starlette.types import Receive, Scope, Send
 
-from drivers.errors import ProbewatchError
-from drivers.printable import printable_value
-from tools.page.alarm_log_watch import AlarmLogWatch
-from tools.page.asking import REQUESTS, Asking
-from tools.page.connection import EVENTS, MOST_LISTENERS
-from tools.page.guard import Guard
-from tools.page.pictures import Pictures, jpeg
-from tools.page.request_body import BODY_HANDLERS, body_of, refused
-from tools.page.room import room
-from tools.page.scan_requests import ACTS
-from tools.page.tokens import Tokens, Visitor
-from tools.page.wording import worded
-from tools.recalibration.held_service import Asked
-from tools.recalibration.session import ScanSession
-from tools.shared.gesture_drawings import DRAWINGS
-from tools.shared.status_watch import StatusWatch
+from probewatch.drivers.errors import ProbewatchError
+from probewatch.drivers.printable import printable_value
+from probewatch.tools.page.alarm_log_watch import AlarmLogWatch
+from probewatch.tools.page.asking import REQUESTS, Asking
+from probewatch.tools.page.connection import EVENTS, MOST_LISTENERS
+from probewatch.tools.page.guard import Guard
+from probewatch.tools.page.pictures import Pictures, jpeg
+from probewatch.tools.page.request_body import BODY_HANDLERS, body_of, refused
+from probewatch.tools.page.room import room
+from probewatch.tools.page.scan_requests import ACTS
+from probewatch.tools.page.tokens import Tokens, Visitor
+from probewatch.tools.page.wording import worded
+from probewatch.tools.recalibration.held_service import Asked
+from probewatch.tools.recalibration.session import ScanSession
+from probewatch.tools.shared.gesture_drawings import DRAWINGS
+from probewatch.tools.shared.status_watch import StatusWatch
 
 _FILES = (Path(__file__).parent / "files", DRAWINGS)
 _KINDS = {".html": "text/html; charset=utf-8", ".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}

@@ -10,12 +10,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from appliance.service.control.rights import join_group
-from appliance.service.control.server import ControlRefused, ControlServer, Owner, Peer, Reply
-from appliance.service.host.unix_socket import Lines, connected
-from drivers.errors import DeviceLost
-from drivers.printable import printable
-from tools.shared.threaded import Threaded
+from probewatch.appliance.service.control.rights import join_group
+from probewatch.appliance.service.control.server import ControlRefused, ControlServer, Owner, Peer, Reply
+from probewatch.appliance.service.host.unix_socket import Lines, connected
+from probewatch.drivers.errors import DeviceLost
+from probewatch.drivers.printable import printable
+from probewatch.tools.shared.threaded import Threaded
 
 _EVERY_S = 0.05
 """Between two looks for who asks: a person waits no longer. More often is work for nothing."""

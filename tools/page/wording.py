@@ -3,7 +3,7 @@
 import re
 from typing import Any
 
-from appliance.supervision import languages
+from probewatch.appliance.supervision import languages
 
 _DECIMAL = re.compile(r"(?<![\d.])(\d+)\.(\d+)(?![\d.]*\d)")
 """A figure, and no address or version, which have more than one point."""

@@ -11,11 +11,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
 
-from appliance.service.control.client import ControlClient
-from appliance.service.control.server import ControlRefused
-from appliance.types import State
-from drivers.errors import ProbewatchError
-from tools.shared.status_watch import Seen
+from probewatch.appliance.service.control.client import ControlClient
+from probewatch.appliance.service.control.server import ControlRefused
+from probewatch.appliance.types import State
+from probewatch.drivers.errors import ProbewatchError
+from probewatch.tools.shared.status_watch import Seen
 
 ANSWER_S = 3.0
 """For the service to answer a request: sixty ticks, as it may read a file before it answers."""

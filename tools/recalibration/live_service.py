@@ -5,22 +5,22 @@ from pathlib import Path
 
 import click
 
-from appliance.configuration.config import Config, load_config
-from appliance.service.control.client import ControlClient
-from appliance.service.control.server import ControlRefused
-from appliance.supervision.alarms import NOT_NOW
-from appliance.types import State
-from drivers.errors import ConfigurationError
-from drivers.files.atomic_file import check_writable, make_folder
-from tools.german.translation import recognised, refusing_in
-from tools.recalibration.paperwork import Begin, Signature
-from tools.recalibration.session import ScanSession
-from tools.recalibration.terminal import run
-from tools.shared.named_cart import SOCKET, named_or_own
-from tools.shared.spoken import language_of
-from tools.shared.status_watch import StatusWatch
-from tools.shared.unit_sight import unseen
-from tools.shared.verification import reporting_change
+from probewatch.appliance.configuration.config import Config, load_config
+from probewatch.appliance.service.control.client import ControlClient
+from probewatch.appliance.service.control.server import ControlRefused
+from probewatch.appliance.supervision.alarms import NOT_NOW
+from probewatch.appliance.types import State
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.drivers.files.atomic_file import check_writable, make_folder
+from probewatch.tools.german.translation import recognised, refusing_in
+from probewatch.tools.recalibration.paperwork import Begin, Signature
+from probewatch.tools.recalibration.session import ScanSession
+from probewatch.tools.recalibration.terminal import run
+from probewatch.tools.shared.named_cart import SOCKET, named_or_own
+from probewatch.tools.shared.spoken import language_of
+from probewatch.tools.shared.status_watch import StatusWatch
+from probewatch.tools.shared.unit_sight import unseen
+from probewatch.tools.shared.verification import reporting_change
 
 _LOOK_S = 0.2
 """Between two questions to the service during a live scan: four of its ticks."""

@@ -4,15 +4,15 @@ from dataclasses import dataclass, replace
 from datetime import UTC, date, datetime
 from pathlib import Path
 
-from appliance.crosswire.water import SCANNER_M_S
-from appliance.service.control.server import ControlRefused
-from appliance.storage.calibration_file import write_calibration
-from appliance.types import Calibration
-from drivers.errors import ConfigurationError
-from drivers.printable import printable
-from tools.recalibration.scanning import Scanned
-from tools.recalibration.steps import Sound
-from tools.shared.sign_off import SignOff, whole_record
+from probewatch.appliance.crosswire.water import SCANNER_M_S
+from probewatch.appliance.service.control.server import ControlRefused
+from probewatch.appliance.storage.calibration_file import write_calibration
+from probewatch.appliance.types import Calibration
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.drivers.printable import printable
+from probewatch.tools.recalibration.scanning import Scanned
+from probewatch.tools.recalibration.steps import Sound
+from probewatch.tools.shared.sign_off import SignOff, whole_record
 
 LONGEST_WORDS = 200
 """Characters of a name, a role or a comment."""

@@ -10,8 +10,8 @@ import click
 import numpy as np
 from rich.console import Console
 
-from appliance.configuration.config import load_config
-from appliance.crosswire.offset import (
+from probewatch.appliance.configuration.config import load_config
+from probewatch.appliance.crosswire.offset import (
     Demand,
     OffsetSolution,
     ScanRefused,
@@ -19,17 +19,17 @@ from appliance.crosswire.offset import (
     solve_offset,
     solve_zeta,
 )
-from appliance.crosswire.scan import CrosswireScan
-from appliance.storage.calibration_file import (
+from probewatch.appliance.crosswire.scan import CrosswireScan
+from probewatch.appliance.storage.calibration_file import (
     calibration_bytes,
     is_device_set,
 )
-from appliance.storage.reference import candidate_from_content, in_force
-from appliance.types import Calibration
-from drivers.errors import ConfigurationError
-from tools.shared.crosswire_input import ScanInput, simulated_reference
-from tools.shared.tables import FittingTable
-from tools.shared.terminal import progress_bar
+from probewatch.appliance.storage.reference import candidate_from_content, in_force
+from probewatch.appliance.types import Calibration
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.tools.shared.crosswire_input import ScanInput, simulated_reference
+from probewatch.tools.shared.tables import FittingTable
+from probewatch.tools.shared.terminal import progress_bar
 
 _COMPONENTS = ("offset lateral", "offset axial", "ζ (elevational)")
 

@@ -10,15 +10,15 @@ from typing import Any
 
 import numpy as np
 
-from appliance.core.path.latency import Latency
-from appliance.crosswire.crossing import ROUGH_SCALE_MM_PER_PX, Crossing
-from appliance.crosswire.offset import ScanRefused, renewed
-from appliance.crosswire.running import Refusal, Running, RunningCalibration
-from appliance.crosswire.scan import CrosswireScan, Look, View
-from appliance.types import PARAMETERS, Calibration, Vector
-from drivers.samples import Frame, GreyImage, Pose, PoseStatus
-from tools.recalibration.steps import CheckStep, Estimate, Sound
-from tools.shared.crosswire_review import compared, difference_in_sigmas
+from probewatch.appliance.core.path.latency import Latency
+from probewatch.appliance.crosswire.crossing import ROUGH_SCALE_MM_PER_PX, Crossing
+from probewatch.appliance.crosswire.offset import ScanRefused, renewed
+from probewatch.appliance.crosswire.running import Refusal, Running, RunningCalibration
+from probewatch.appliance.crosswire.scan import CrosswireScan, Look, View
+from probewatch.appliance.types import PARAMETERS, Calibration, Vector
+from probewatch.drivers.samples import Frame, GreyImage, Pose, PoseStatus
+from probewatch.tools.recalibration.steps import CheckStep, Estimate, Sound
+from probewatch.tools.shared.crosswire_review import compared, difference_in_sigmas
 
 _REMEMBERED = 40
 """Pictures that a view may still be cut out of: .7 s at 60 Hz. It is settled .25 s after its passage."""

@@ -16,22 +16,30 @@ from typing import Any
 
 import numpy as np
 
-from appliance.service.control.server import ControlRefused
-from appliance.service.feed.message import FeedMessage, LineStarted, Lost, Taken
-from appliance.types import Calibration, State
-from drivers.errors import ProbewatchError
-from drivers.files.atomic_file import check_writable
-from drivers.printable import printable
-from tools.recalibration.held_service import ANSWER_S, Asked, HeldService
-from tools.recalibration.paperwork import LONGEST_WORDS, Begin, Signature, checked, sign_off, signed, write_signed
-from tools.recalibration.phase import HELD, LISTENING, OPEN, Attendance, Phase
-from tools.recalibration.scanning import Scanned, counts_of, marked, state_fields
-from tools.recalibration.steps import LatencyStep, Sound, estimate_of
-from tools.shared.feed import Feed
-from tools.shared.sign_off import NOT_MADE
-from tools.shared.status_watch import Seen, StatusWatch
-from tools.shared.threaded import Threaded
-from tools.shared.verification import waits_for
+from probewatch.appliance.service.control.server import ControlRefused
+from probewatch.appliance.service.feed.message import FeedMessage, LineStarted, Lost, Taken
+from probewatch.appliance.types import Calibration, State
+from probewatch.drivers.errors import ProbewatchError
+from probewatch.drivers.files.atomic_file import check_writable
+from probewatch.drivers.printable import printable
+from probewatch.tools.recalibration.held_service import ANSWER_S, Asked, HeldService
+from probewatch.tools.recalibration.paperwork import (
+    LONGEST_WORDS,
+    Begin,
+    Signature,
+    checked,
+    sign_off,
+    signed,
+    write_signed,
+)
+from probewatch.tools.recalibration.phase import HELD, LISTENING, OPEN, Attendance, Phase
+from probewatch.tools.recalibration.scanning import Scanned, counts_of, marked, state_fields
+from probewatch.tools.recalibration.steps import LatencyStep, Sound, estimate_of
+from probewatch.tools.shared.feed import Feed
+from probewatch.tools.shared.sign_off import NOT_MADE
+from probewatch.tools.shared.status_watch import Seen, StatusWatch
+from probewatch.tools.shared.threaded import Threaded
+from probewatch.tools.shared.verification import waits_for
 
 _LOOK_S = 0.5
 """Between two looks at the service's state, and before a lost feed is asked for again: ten ticks."""

@@ -9,16 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from appliance.core.path.latency import Latency
-from appliance.crosswire.checkpoint import LEAST_VIEWS, PASS_MM, PointCheck, check_point
-from appliance.crosswire.latency import BottomLine
-from appliance.crosswire.scan import CrosswireScan
-from appliance.crosswire.water import LARGEST_ERROR, RANGE_C, SCANNER_M_S, for_tissue, speed_of_sound_m_s
-from appliance.service.control.server import ControlRefused
-from appliance.types import Calibration, Vector
-from drivers.samples import Frame, Pose
-from tools.shared.crosswire_review import difference_in_sigmas
-from tools.shared.stated_change import stated_change
+from probewatch.appliance.core.path.latency import Latency
+from probewatch.appliance.crosswire.checkpoint import LEAST_VIEWS, PASS_MM, PointCheck, check_point
+from probewatch.appliance.crosswire.latency import BottomLine
+from probewatch.appliance.crosswire.scan import CrosswireScan
+from probewatch.appliance.crosswire.water import LARGEST_ERROR, RANGE_C, SCANNER_M_S, for_tissue, speed_of_sound_m_s
+from probewatch.appliance.service.control.server import ControlRefused
+from probewatch.appliance.types import Calibration, Vector
+from probewatch.drivers.samples import Frame, Pose
+from probewatch.tools.shared.crosswire_review import difference_in_sigmas
+from probewatch.tools.shared.stated_change import stated_change
 
 SETTINGS_M_S = (1400.0, 1700.0)
 """Of scanners: what `probewatch recalibrate --scanner-m-s` takes."""

@@ -14,15 +14,15 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from appliance.service.control.server import ControlRefused
-from drivers.errors import ProbewatchError
-from tools.german.translation import confirmed, recognised, told
-from tools.recalibration.held_service import Asked
-from tools.recalibration.paperwork import Begin, Signature
-from tools.recalibration.phase import Phase
-from tools.recalibration.session import ScanSession
-from tools.shared.crosswire_review import comparison_table
-from tools.shared.verification import with_motions
+from probewatch.appliance.service.control.server import ControlRefused
+from probewatch.drivers.errors import ProbewatchError
+from probewatch.tools.german.translation import confirmed, recognised, told
+from probewatch.tools.recalibration.held_service import Asked
+from probewatch.tools.recalibration.paperwork import Begin, Signature
+from probewatch.tools.recalibration.phase import Phase
+from probewatch.tools.recalibration.session import ScanSession
+from probewatch.tools.shared.crosswire_review import comparison_table
+from probewatch.tools.shared.verification import with_motions
 
 _EVERY_S = 0.25
 """Between two pictures, as of `probewatch status --watch`; how late a line is heard."""

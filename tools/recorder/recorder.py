@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from appliance.core.registration.sector import Sector
-from appliance.service.feed.message import FeedMessage, Judged, LineStarted, Lost, Taken
-from appliance.storage.black_box import FORMAT
-from appliance.storage.black_box_fields import Begun, Gap, Item, Made, Mark, State
-from appliance.types import Verdict
-from drivers.samples import Frame
-from tools.recorder.ring import DiskRing
+from probewatch.appliance.core.registration.sector import Sector
+from probewatch.appliance.service.feed.message import FeedMessage, Judged, LineStarted, Lost, Taken
+from probewatch.appliance.storage.black_box import FORMAT
+from probewatch.appliance.storage.black_box_fields import Begun, Gap, Item, Made, Mark, State
+from probewatch.appliance.types import Verdict
+from probewatch.drivers.samples import Frame
+from probewatch.tools.recorder.ring import DiskRing
 
 _STATE_EVERY_NS = 10_000_000_000
 """Between two states that are the same but for their figures: a replay shows them as a curve. More often is more to

@@ -9,10 +9,10 @@ from datetime import datetime
 from pathlib import Path
 from typing import BinaryIO
 
-from appliance.storage.black_box import CHUNK_NS, BlackBoxWriter
-from appliance.storage.black_box_fields import Begun, Item
-from drivers.files.atomic_file import make_folder, sync_directory
-from drivers.files.regular_file import open_regular
+from probewatch.appliance.storage.black_box import CHUNK_NS, BlackBoxWriter
+from probewatch.appliance.storage.black_box_fields import Begun, Item
+from probewatch.drivers.files.atomic_file import make_folder, sync_directory
+from probewatch.drivers.files.regular_file import open_regular
 
 RING, KEPT, SUFFIX = "ring", "kept", ".mcap"
 

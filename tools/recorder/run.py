@@ -21,20 +21,20 @@ from typing import Any, Self
 
 import click
 
-from appliance.configuration.config import Config
-from appliance.service.control.client import ControlClient
-from appliance.service.control.rights import Onlookers
-from appliance.service.control.server import ControlRefused
-from appliance.service.feed.message import FeedMessage
-from appliance.service.feed.request import FeedRequest
-from appliance.service.host.unix_socket import Lines, connected, listening
-from drivers.errors import ConfigurationError, DeviceLost, ProbewatchError, system_words
-from drivers.files.atomic_file import make_folder
-from drivers.files.lock import held_lock
-from drivers.printable import printable
-from tools.recorder.recorder import Keeping, Recorder
-from tools.recorder.ring import Bounds, DiskRing
-from tools.shared.feed import Feed
+from probewatch.appliance.configuration.config import Config
+from probewatch.appliance.service.control.client import ControlClient
+from probewatch.appliance.service.control.rights import Onlookers
+from probewatch.appliance.service.control.server import ControlRefused
+from probewatch.appliance.service.feed.message import FeedMessage
+from probewatch.appliance.service.feed.request import FeedRequest
+from probewatch.appliance.service.host.unix_socket import Lines, connected, listening
+from probewatch.drivers.errors import ConfigurationError, DeviceLost, ProbewatchError, system_words
+from probewatch.drivers.files.atomic_file import make_folder
+from probewatch.drivers.files.lock import held_lock
+from probewatch.drivers.printable import printable
+from probewatch.tools.recorder.recorder import Keeping, Recorder
+from probewatch.tools.recorder.ring import Bounds, DiskRing
+from probewatch.tools.shared.feed import Feed
 
 _QUEUED = 96
 """Messages between hearing and writing, 32 pictures or 1 s, and 16 MB more wait in the feed: so long may a disk pause.

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import cv2
 
-from drivers.files.atomic_file import PAGE_BEGINS, PAGE_ENDS, check_kind, check_replaceable, writing
-from drivers.samples import GreyImage
-from tools.shared.tables import figures_in
+from probewatch.drivers.files.atomic_file import PAGE_BEGINS, PAGE_ENDS, check_kind, check_replaceable, writing
+from probewatch.drivers.samples import GreyImage
+from probewatch.tools.shared.tables import figures_in
 
 _ALLOWED = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 """Whatever a file or a device may have put into the text, the page loads and runs nothing."""

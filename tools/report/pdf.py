@@ -6,8 +6,8 @@ import subprocess
 import tempfile
 from pathlib import Path
 
-from drivers.errors import ConfigurationError
-from drivers.files.atomic_file import check_kind, check_replaceable, writing
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.drivers.files.atomic_file import check_kind, check_replaceable, writing
 
 _PDF_BEGINS = b"%PDF-"
 _BROWSERS = ("chromium", "chromium-browser", "google-chrome")

@@ -6,11 +6,11 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from typing import Any
 
-from appliance.storage.alarm_chain import Entry, Event, Reading
-from appliance.storage.reference_store import Entry as Reference
-from appliance.supervision.alarms import SIGNALS, Priority
-from appliance.types import State
-from tools.shared.profile_text import logged_limits_text
+from probewatch.appliance.storage.alarm_chain import Entry, Event, Reading
+from probewatch.appliance.storage.reference_store import Entry as Reference
+from probewatch.appliance.supervision.alarms import SIGNALS, Priority
+from probewatch.appliance.types import State
+from probewatch.tools.shared.profile_text import logged_limits_text
 
 PERIODS = ("day", "week", "month")
 Shares = defaultdict[str, float]

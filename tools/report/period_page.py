@@ -6,16 +6,16 @@ from datetime import UTC, datetime
 from math import isfinite
 from pathlib import Path
 
-from appliance.core.quality.trend import Trend
-from appliance.storage.reference_dates import Dates
-from appliance.supervision.faults import FAULT_ROWS
-from appliance.types import State
-from drivers.printable import LONGEST_TEXT, printable
-from tools.german.translation import Speech, damage_text, lost_text
-from tools.report.page import section, table, text, write_page
-from tools.report.period import OFF, Alarm, InForce, Summary, limits_text, per_fault, share
-from tools.report.svg import Plot
-from tools.shared.trend_table import HEADINGS, references_of, row_of, trends
+from probewatch.appliance.core.quality.trend import Trend
+from probewatch.appliance.storage.reference_dates import Dates
+from probewatch.appliance.supervision.faults import FAULT_ROWS
+from probewatch.appliance.types import State
+from probewatch.drivers.printable import LONGEST_TEXT, printable
+from probewatch.tools.german.translation import Speech, damage_text, lost_text
+from probewatch.tools.report.page import section, table, text, write_page
+from probewatch.tools.report.period import OFF, Alarm, InForce, Summary, limits_text, per_fault, share
+from probewatch.tools.report.svg import Plot
+from probewatch.tools.shared.trend_table import HEADINGS, references_of, row_of, trends
 
 _MOST_ALARMS = 200
 """Listed one by one; the rest is counted and in the log."""

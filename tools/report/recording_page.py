@@ -8,20 +8,20 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from appliance.core.quality.check_fields import limits_fields, point_fields
-from appliance.core.quality.gesture import gestures
-from appliance.core.quality.report import Change, LineReport, spells
-from appliance.core.registration.pyramid import Bits
-from appliance.types import PARAMETERS, Check, State, VerdictKind
-from drivers.rigid import Array
-from drivers.samples import GreyImage
-from tools.report.page import picture, section, table, text, write_page
-from tools.report.svg import Plot
-from tools.report.trace import Curve, Trace
-from tools.shared.point_text import point_text
-from tools.shared.profile_text import profile_text
-from tools.shared.rerun import Comparison
-from tools.shared.subject import Subject
+from probewatch.appliance.core.quality.check_fields import limits_fields, point_fields
+from probewatch.appliance.core.quality.gesture import gestures
+from probewatch.appliance.core.quality.report import Change, LineReport, spells
+from probewatch.appliance.core.registration.pyramid import Bits
+from probewatch.appliance.types import PARAMETERS, Check, State, VerdictKind
+from probewatch.drivers.rigid import Array
+from probewatch.drivers.samples import GreyImage
+from probewatch.tools.report.page import picture, section, table, text, write_page
+from probewatch.tools.report.svg import Plot
+from probewatch.tools.report.trace import Curve, Trace
+from probewatch.tools.shared.point_text import point_text
+from probewatch.tools.shared.profile_text import profile_text
+from probewatch.tools.shared.rerun import Comparison
+from probewatch.tools.shared.subject import Subject
 
 _KINDS = {
     State.MONITORING: "good",

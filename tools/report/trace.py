@@ -6,11 +6,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from appliance.core.line import Line
-from appliance.core.registration.pyramid import Bits
-from appliance.types import Calibration, Motion, Verdict, VerdictKind
-from drivers.rigid import Array, interpolate, inverse, rigid
-from drivers.samples import GreyImage, Matrix4, Pose, Sample
+from probewatch.appliance.core.line import Line
+from probewatch.appliance.core.registration.pyramid import Bits
+from probewatch.appliance.types import Calibration, Motion, Verdict, VerdictKind
+from probewatch.drivers.rigid import Array, interpolate, inverse, rigid
+from probewatch.drivers.samples import GreyImage, Matrix4, Pose, Sample
 
 _EVERY_NS = 100_000_000
 """Between two points of a curve: a quarter of an hour has 9000, of which a plot shows 900."""

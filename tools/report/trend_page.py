@@ -4,10 +4,10 @@ import html
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from appliance.core.quality.trend import DAY_S, Trend
-from tools.german.translation import Speech
-from tools.report.page import section, table, text, write_page
-from tools.report.svg import Plot
+from probewatch.appliance.core.quality.trend import DAY_S, Trend
+from probewatch.tools.german.translation import Speech
+from probewatch.tools.report.page import section, table, text, write_page
+from probewatch.tools.report.svg import Plot
 
 
 def write_trend_page(

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from tools.selftest.items import Item
+from probewatch.tools.selftest.items import Item
 
 KEY = "first_use"
 """Of a record: true where it is the one to compare with. The newest such record counts."""

@@ -7,15 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from appliance.core.registration.overlay import OverlayMask
-from appliance.core.registration.pyramid import pyramid
-from appliance.supervision.fault_row import Device
-from appliance.supervision.faults import of_device
-from appliance.types import State
-from drivers.rigid import vector_from_rotation
-from drivers.samples import Frame, Pose, PoseStatus
-from tools.shared.status_view import is_recovering
-from tools.shared.time_quality import LEAST_HZ, MOST_JITTER_MS, TimeQuality, time_quality
+from probewatch.appliance.core.registration.overlay import OverlayMask
+from probewatch.appliance.core.registration.pyramid import pyramid
+from probewatch.appliance.supervision.fault_row import Device
+from probewatch.appliance.supervision.faults import of_device
+from probewatch.appliance.types import State
+from probewatch.drivers.rigid import vector_from_rotation
+from probewatch.drivers.samples import Frame, Pose, PoseStatus
+from probewatch.tools.shared.status_view import is_recovering
+from probewatch.tools.shared.time_quality import LEAST_HZ, MOST_JITTER_MS, TimeQuality, time_quality
 
 _MOST_LOST_PERCENT = 1.0
 """Of the samples that the device counted. A cable that loses more is going to lose all. Not measured on carts."""

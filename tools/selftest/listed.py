@@ -7,8 +7,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from tools.german.translation import recognised, told
-from tools.selftest.items import Item
+from probewatch.tools.german.translation import recognised, told
+from probewatch.tools.selftest.items import Item
 
 _MARKS = {True: ("✓", "green"), False: ("✗", "red"), None: ("?", "red")}
 

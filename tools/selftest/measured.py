@@ -5,9 +5,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from appliance.service.feed.message import Lost, Taken
-from drivers.samples import Frame, Pose
-from tools.shared.feed import Feed
+from probewatch.appliance.service.feed.message import Lost, Taken
+from probewatch.drivers.samples import Frame, Pose
+from probewatch.tools.shared.feed import Feed
 
 _SLICE_S = 0.2
 """For a message; how late the end is seen."""

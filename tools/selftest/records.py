@@ -12,9 +12,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from appliance.storage.alarm_chain import GENESIS, digest_of
-from drivers.files.regular_file import read_bounded
-from drivers.printable import printable
+from probewatch.appliance.storage.alarm_chain import GENESIS, digest_of
+from probewatch.drivers.files.regular_file import read_bounded
+from probewatch.drivers.printable import printable
 
 _MOST_BYTES = 1_000_000
 """Of the record of a self-test, which has some kB."""

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import click
 
-from appliance.service.control.client import ControlClient
-from appliance.service.control.starting import NoService
-from drivers.errors import ProbewatchError
-from tools.shared.named_cart import start_of
+from probewatch.appliance.service.control.client import ControlClient
+from probewatch.appliance.service.control.starting import NoService
+from probewatch.drivers.errors import ProbewatchError
+from probewatch.tools.shared.named_cart import start_of
 
 _ANSWER_S = 1.0
 """For the service to answer: twenty ticks. Longer only delays the start of the command."""

@@ -6,13 +6,13 @@ from pathlib import Path
 
 import click
 
-from appliance.service.control.rights import join_group
-from appliance.storage.alarm_chain import MEMORY, Reading, segments
-from appliance.storage.reference_store import History, read_history
-from appliance.storage.witnessed_log import read_witnessed_log
-from drivers.errors import ConfigurationError
-from tools.german.translation import damage_text, told
-from tools.shared.named_cart import cart_language
+from probewatch.appliance.service.control.rights import join_group
+from probewatch.appliance.storage.alarm_chain import MEMORY, Reading, segments
+from probewatch.appliance.storage.reference_store import History, read_history
+from probewatch.appliance.storage.witnessed_log import read_witnessed_log
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.tools.german.translation import damage_text, told
+from probewatch.tools.shared.named_cart import cart_language
 
 _LOOKS = 3
 """A write of the service is soon over, so damage that a fourth reading still finds is damage."""

@@ -8,8 +8,8 @@ from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
-from appliance.configuration.toml_lines import Place, key_lines
-from drivers.errors import ConfigurationError
+from probewatch.appliance.configuration.toml_lines import Place, key_lines
+from probewatch.drivers.errors import ConfigurationError
 
 Value = str | bool | None
 Answers = Mapping[Place, Value]

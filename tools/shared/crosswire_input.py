@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
-from appliance.storage.image_to_probe import calibration_from_image_to_probe
-from appliance.types import Calibration
-from drivers.errors import RecordingError
-from drivers.recordings.replay import open_recording
-from drivers.samples import Frame, Pose, PoseStatus, Sample, Stamp
-from drivers.twins.scene.world import World
-from tools.shared.left_out import tell_left_out
+from probewatch.appliance.storage.image_to_probe import calibration_from_image_to_probe
+from probewatch.appliance.types import Calibration
+from probewatch.drivers.errors import RecordingError
+from probewatch.drivers.recordings.replay import open_recording
+from probewatch.drivers.samples import Frame, Pose, PoseStatus, Sample, Stamp
+from probewatch.drivers.twins.scene.world import World
+from probewatch.tools.shared.left_out import tell_left_out
 
 _FRAME_NS = 50_000_000
 _POSES_PER_FRAME = 3

@@ -5,13 +5,13 @@ from typing import Any
 
 import numpy as np
 
-from appliance.core.parameters import PER_UNIT
-from appliance.crosswire.running import Running
-from appliance.crosswire.whole import WholeSolution
-from appliance.types import PARAMETERS, Calibration, Vector
-from drivers.rigid import vector_from_rotation
-from tools.german.translation import recognised, told
-from tools.shared.tables import FittingTable
+from probewatch.appliance.core.parameters import PER_UNIT
+from probewatch.appliance.crosswire.running import Running
+from probewatch.appliance.crosswire.whole import WholeSolution
+from probewatch.appliance.types import PARAMETERS, Calibration, Vector
+from probewatch.drivers.rigid import vector_from_rotation
+from probewatch.tools.german.translation import recognised, told
+from probewatch.tools.shared.tables import FittingTable
 
 _UNITS = ("°",) * 3 + ("%",) * 2 + ("mm",) * 3
 """Of PARAMETERS, as people read them."""

@@ -10,17 +10,17 @@ import click
 import numpy as np
 from rich.console import Console
 
-from appliance.crosswire.checkpoint import PASS_MM, check_point
-from appliance.crosswire.offset import ScanRefused
-from appliance.crosswire.running import Running, RunningCalibration, WholeDemand
-from appliance.crosswire.scan import CrosswireScan
-from appliance.crosswire.water import LARGEST_ERROR, for_tissue, speed_of_sound_m_s
-from appliance.storage.calibration_file import read_calibration
-from appliance.types import Calibration
-from tools.shared.crosswire_input import ScanInput
-from tools.shared.crosswire_review import disagreements, parameter_table, view_table
-from tools.shared.digest import file_sha256
-from tools.shared.sign_off import SignOff, whole_record
+from probewatch.appliance.crosswire.checkpoint import PASS_MM, check_point
+from probewatch.appliance.crosswire.offset import ScanRefused
+from probewatch.appliance.crosswire.running import Running, RunningCalibration, WholeDemand
+from probewatch.appliance.crosswire.scan import CrosswireScan
+from probewatch.appliance.crosswire.water import LARGEST_ERROR, for_tissue, speed_of_sound_m_s
+from probewatch.appliance.storage.calibration_file import read_calibration
+from probewatch.appliance.types import Calibration
+from probewatch.tools.shared.crosswire_input import ScanInput
+from probewatch.tools.shared.crosswire_review import disagreements, parameter_table, view_table
+from probewatch.tools.shared.digest import file_sha256
+from probewatch.tools.shared.sign_off import SignOff, whole_record
 
 _STATED_LATENCY_S = 0.005
 """Standard deviation of a latency that the user states: as `probewatch latency` finds it. Not varied."""

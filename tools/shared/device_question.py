@@ -8,12 +8,12 @@ from urllib.parse import quote
 
 import click
 
-from drivers.descriptor import Option
-from drivers.errors import ConfigurationError, ProbewatchError
-from drivers.registry import check_options, drivers, split_url
-from tools.german.translation import confirmed, recognised, tell_refused, told
-from tools.shared.driver_text import examples
-from tools.shared.unit_sight import relative, unseen
+from probewatch.drivers.descriptor import Option
+from probewatch.drivers.errors import ConfigurationError, ProbewatchError
+from probewatch.drivers.registry import check_options, drivers, split_url
+from probewatch.tools.german.translation import confirmed, recognised, tell_refused, told
+from probewatch.tools.shared.driver_text import examples
+from probewatch.tools.shared.unit_sight import relative, unseen
 
 _WORDS = {
     "video": "the scanner's picture",

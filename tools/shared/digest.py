@@ -6,8 +6,8 @@ from datetime import UTC, datetime
 from itertools import chain
 from pathlib import Path
 
-from drivers.errors import RecordingError
-from drivers.files.regular_file import reading
+from probewatch.drivers.errors import RecordingError
+from probewatch.drivers.files.regular_file import reading
 
 HEADERS = (".mha", ".mhd", ".nrrd", ".nhdr")
 """Endings of recordings whose pictures may lie in a file of their own beside them."""

@@ -3,8 +3,8 @@
 import textwrap
 from collections.abc import Iterable, Iterator, Sequence
 
-from drivers.descriptor import Driver, Target
-from drivers.registry import drivers
+from probewatch.drivers.descriptor import Driver, Target
+from probewatch.drivers.registry import drivers
 
 _WIDTH = 76
 """Characters of a line of help, with its margin the 78 that click writes at most. More is wrapped twice."""

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from appliance.storage.calibration_file import write_calibration
-from appliance.types import PARAMETERS, Calibration
-from drivers.errors import RecordingError
+from probewatch.appliance.storage.calibration_file import write_calibration
+from probewatch.appliance.types import PARAMETERS, Calibration
+from probewatch.drivers.errors import RecordingError
 
 _NEEDED = PARAMETERS[:5]
 """Rotations and scales: the offset follows from a cross-wire scan with `recalibrate --solve offset`."""

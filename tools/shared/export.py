@@ -10,17 +10,17 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from appliance.core.times import MOST_APART_NS
-from appliance.storage.black_box import Series
-from appliance.storage.black_box_fields import Made, State
-from appliance.types import Verdict, VerdictKind
-from drivers.errors import ConfigurationError, RecordingError
-from drivers.files.atomic_file import writing
-from drivers.recordings.film import POSE_COLUMNS
-from drivers.recordings.metaimage_writing import SequenceItem, write_metaimage
-from drivers.recordings.nrrd import write_nrrd
-from drivers.rigid import interpolate
-from drivers.samples import Frame, GreyImage, Matrix4, Pose
+from probewatch.appliance.core.times import MOST_APART_NS
+from probewatch.appliance.storage.black_box import Series
+from probewatch.appliance.storage.black_box_fields import Made, State
+from probewatch.appliance.types import Verdict, VerdictKind
+from probewatch.drivers.errors import ConfigurationError, RecordingError
+from probewatch.drivers.files.atomic_file import writing
+from probewatch.drivers.recordings.metaimage_writing import SequenceItem, write_metaimage
+from probewatch.drivers.recordings.nrrd import write_nrrd
+from probewatch.drivers.recordings.pose_table import POSE_COLUMNS
+from probewatch.drivers.rigid import interpolate
+from probewatch.drivers.samples import Frame, GreyImage, Matrix4, Pose
 
 FORMS = (".igs.mha", ".igs.nrrd", "csv", "mp4")
 _NAME, _WITNESS = "ProbeToTracker", "WitnessToTracker"

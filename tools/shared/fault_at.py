@@ -4,8 +4,8 @@ import math
 
 import click
 
-from drivers.errors import ConfigurationError
-from drivers.twins.faults import CART_FAULTS, refuse_unknown_fault
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.drivers.twins.faults import CART_FAULTS, refuse_unknown_fault
 
 
 def fault_at(text: str) -> tuple[str, float | None]:

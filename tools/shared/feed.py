@@ -8,12 +8,12 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TypeVar
 
-from appliance.service.control.rights import join_group
-from appliance.service.feed.message import HEAD_BYTES, FeedMessage, Hello, Refused, lengths, unpacked
-from appliance.service.feed.request import FeedRequest
-from appliance.service.host.unix_socket import connected, received_by
-from drivers.closable import Closable
-from drivers.errors import DeviceLost, ProbewatchError
+from probewatch.appliance.service.control.rights import join_group
+from probewatch.appliance.service.feed.message import HEAD_BYTES, FeedMessage, Hello, Refused, lengths, unpacked
+from probewatch.appliance.service.feed.request import FeedRequest
+from probewatch.appliance.service.host.unix_socket import connected, received_by
+from probewatch.drivers.closable import Closable
+from probewatch.drivers.errors import DeviceLost, ProbewatchError
 
 _ANSWER_S = 5.0
 """For the service to answer a new client: the process that fans out may have to be started first, in .3 s on a free

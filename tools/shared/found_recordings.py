@@ -5,10 +5,10 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from appliance.storage.black_box import BlackBox, Series, series_of
-from drivers.errors import ConfigurationError, RecordingError
-from drivers.files.regular_file import reading
-from drivers.recordings.mcap_file import MAGIC
+from probewatch.appliance.storage.black_box import BlackBox, Series, series_of
+from probewatch.drivers.errors import ConfigurationError, RecordingError
+from probewatch.drivers.files.regular_file import reading
+from probewatch.drivers.recordings.mcap_file import MAGIC
 
 SUFFIXES = (".mha", ".mhd", ".nrrd", ".nhdr", ".mcap")
 """What is taken out of a folder; films and tables belong together by their names alone, so they are named."""

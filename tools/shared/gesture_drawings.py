@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from appliance.core.quality.gesture import Gesture
-from appliance.supervision.languages import translated
+from probewatch.appliance.core.quality.gesture import Gesture
+from probewatch.appliance.supervision.languages import translated
 
 DRAWINGS = Path(__file__).with_name("drawings")
 

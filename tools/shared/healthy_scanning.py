@@ -8,18 +8,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from appliance.core.line import Line
-from appliance.limits import MOST_NAMED_NATS, Limits
-from appliance.storage.black_box import Series
-from appliance.storage.black_box_fields import State as LiveState
-from appliance.storage.calibration_file import read_calibration
-from appliance.types import Calibration, Fault, Kind, State, Verdict
-from drivers.errors import RecordingError
-from drivers.recordings.replay import open_recording
-from drivers.samples import Frame, Pose, Sample
-from tools.shared.left_out import tell_left_out
-from tools.shared.noise_tail import BLOCK_NS
-from tools.shared.rerun import Rerun
+from probewatch.appliance.core.line import Line
+from probewatch.appliance.limits import MOST_NAMED_NATS, Limits
+from probewatch.appliance.storage.black_box import Series
+from probewatch.appliance.storage.black_box_fields import State as LiveState
+from probewatch.appliance.storage.calibration_file import read_calibration
+from probewatch.appliance.types import Calibration, Fault, Kind, State, Verdict
+from probewatch.drivers.errors import RecordingError
+from probewatch.drivers.recordings.replay import open_recording
+from probewatch.drivers.samples import Frame, Pose, Sample
+from probewatch.tools.shared.left_out import tell_left_out
+from probewatch.tools.shared.noise_tail import BLOCK_NS
+from probewatch.tools.shared.rerun import Rerun
 
 Watched = Callable[[Iterable[Sample]], Iterator[Sample]]
 _LASTING_NS = 1_000_000_000

@@ -4,8 +4,8 @@ from collections import deque
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
-from drivers.samples import Frame, Pose, PoseStatus, Sample, Stamp
-from drivers.twins.faults import LATENCY_S, Schedule, spoil_image, spoil_pose
+from probewatch.drivers.samples import Frame, Pose, PoseStatus, Sample, Stamp
+from probewatch.drivers.twins.faults import LATENCY_S, Schedule, spoil_image, spoil_pose
 
 _LATENCY_NS = round(LATENCY_S * 1e9)
 """As late as the simulated tracker."""

@@ -7,8 +7,8 @@ from typing import Any
 
 import click
 
-from drivers.errors import ProbewatchError
-from drivers.suggestion import did_you_mean, suggested
+from probewatch.drivers.errors import ProbewatchError
+from probewatch.drivers.suggestion import did_you_mean, suggested
 
 
 class LazyGroup(click.Group):
@@ -48,7 +48,7 @@ class LazyGroup(click.Group):
         try:
             return super().invoke(ctx)
         except ProbewatchError as error:
-            rooms = ("tools.shared.named_cart", "tools.german.translation")
+            rooms = ("probewatch.tools.shared.named_cart", "probewatch.tools.german.translation")
             named_cart, translation = map(importlib.import_module, rooms)
             translation.tell_refused(error, named_cart.cart_language())
             raise

@@ -2,7 +2,7 @@
 
 import click
 
-from drivers.recordings.replay import Recording
+from probewatch.drivers.recordings.replay import Recording
 
 
 def tell_left_out(recording: Recording) -> None:

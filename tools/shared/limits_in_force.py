@@ -3,12 +3,12 @@
 from collections.abc import Iterator
 from typing import Any
 
-from appliance.configuration.toml_lines import key_lines
-from appliance.core.parameters import QUANTITIES, never_shown
-from appliance.core.quality.check_fields import limits_fields
-from appliance.limits import PROFILES, Limits
-from tools.german.translation import told
-from tools.shared.profile_text import profile_text
+from probewatch.appliance.configuration.toml_lines import key_lines
+from probewatch.appliance.core.parameters import QUANTITIES, never_shown
+from probewatch.appliance.core.quality.check_fields import limits_fields
+from probewatch.appliance.limits import PROFILES, Limits
+from probewatch.tools.german.translation import told
+from probewatch.tools.shared.profile_text import profile_text
 
 _LESS_IS_LOOSER = ("confidence_sigma",)
 """Of the numbers that say what an OK means; of the others more is."""

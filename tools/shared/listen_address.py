@@ -1,6 +1,6 @@
 """HOST:PORT of an option --listen."""
 
-from drivers.errors import ConfigurationError
+from probewatch.drivers.errors import ConfigurationError
 
 _MOST_PORT = 65535  # of TCP
 

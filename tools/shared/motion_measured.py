@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from appliance.core.parameters import MEASURED, PER_UNIT, QUANTITIES, class_of
-from appliance.core.quality.accumulation import Accumulated, accumulated
-from appliance.storage.alarm_chain import Entry
-from appliance.types import PARAMETERS, Calibration
-from drivers.errors import ConfigurationError
-from tools.german.translation import recognised, told
-from tools.shared.tables import NOTHING
-from tools.shared.trend_table import estimates_of
+from probewatch.appliance.core.parameters import MEASURED, PER_UNIT, QUANTITIES, class_of
+from probewatch.appliance.core.quality.accumulation import Accumulated, accumulated
+from probewatch.appliance.storage.alarm_chain import Entry
+from probewatch.appliance.types import PARAMETERS, Calibration
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.tools.german.translation import recognised, told
+from probewatch.tools.shared.tables import NOTHING
+from probewatch.tools.shared.trend_table import estimates_of
 
 HEADINGS = ("parameter", "by motion", "calibrated to", "apart", "estimates", "examinations")
 

@@ -11,11 +11,11 @@ from typing import Any, TypeVar, cast
 import click
 from click.core import ParameterSource
 
-from appliance.service.control.starting import UNIT_CONFIG, UNIT_SOCKET, NoService, how_to_start
-from appliance.supervision.languages import LANGUAGES
-from drivers.errors import ConfigurationError
-from drivers.files.markup import toml_of
-from drivers.files.regular_file import read_bounded
+from probewatch.appliance.service.control.starting import UNIT_CONFIG, UNIT_SOCKET, NoService, how_to_start
+from probewatch.appliance.supervision.languages import LANGUAGES
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.drivers.files.markup import toml_of
+from probewatch.drivers.files.regular_file import read_bounded
 
 CONFIG = UNIT_CONFIG
 SOCKET, LOG = UNIT_SOCKET, Path("/var/lib/probewatch")

@@ -10,7 +10,7 @@ from math import ceil, exp, log
 
 from scipy.stats import chi2
 
-from appliance.limits import FALSE_ALARM_H, NAMED_NATS
+from probewatch.appliance.limits import FALSE_ALARM_H, NAMED_NATS
 
 BLOCK_NS = 30_000_000_000
 """Whose largest value counts: three windows of the test, so that neighbours share little motion. A peak on the border

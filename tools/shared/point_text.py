@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 from typing import Any
 
-from appliance.core.quality.check_fields import up_to
-from appliance.supervision.languages import translated
+from probewatch.appliance.core.quality.check_fields import up_to
+from probewatch.appliance.supervision.languages import translated
 
 WORDS = {
     "point": "error of a point up to {worst} mm, of half of them up to {median} mm (99.7 %)",

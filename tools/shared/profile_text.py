@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 from typing import Any
 
-from appliance.supervision.languages import translated
-from tools.german.translation import told
+from probewatch.appliance.supervision.languages import translated
+from probewatch.tools.german.translation import told
 
 WORDS = {"limits": "limits: {profile}", "limits but": "limits: {profile}, but for {beside}"}
 

@@ -4,16 +4,16 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from typing import Protocol
 
-from appliance.core.line import Line
-from appliance.core.quality.report import Change, LineReport
-from appliance.storage.black_box import Series
-from appliance.supervision.timeline import Judging, Timeline
-from appliance.types import Verdict
-from drivers.errors import RecordingError
-from drivers.samples import Frame, Pose, Sample
-from drivers.twins.faults import Schedule
-from tools.shared.inject import inject
-from tools.shared.rerun import Comparison, Rerun, Step
+from probewatch.appliance.core.line import Line
+from probewatch.appliance.core.quality.report import Change, LineReport
+from probewatch.appliance.storage.black_box import Series
+from probewatch.appliance.supervision.timeline import Judging, Timeline
+from probewatch.appliance.types import Verdict
+from probewatch.drivers.errors import RecordingError
+from probewatch.drivers.samples import Frame, Pose, Sample
+from probewatch.drivers.twins.faults import Schedule
+from probewatch.tools.shared.inject import inject
+from probewatch.tools.shared.rerun import Comparison, Rerun, Step
 
 
 class Session(Protocol):

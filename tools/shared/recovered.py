@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from appliance.storage.image_to_probe import calibration_from_image_to_probe
-from appliance.types import Calibration
-from drivers.errors import ConfigurationError
-from tools.german.translation import recognised
+from probewatch.appliance.storage.image_to_probe import calibration_from_image_to_probe
+from probewatch.appliance.types import Calibration
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.tools.german.translation import recognised
 
 
 def recovered(status: dict[str, Any]) -> Calibration:

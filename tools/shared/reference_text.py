@@ -5,9 +5,9 @@ from typing import Any
 
 import click
 
-from appliance.core.quality.calibration_difference import Difference
-from appliance.storage.reference_store import Entry
-from tools.german.translation import recognised, told
+from probewatch.appliance.core.quality.calibration_difference import Difference
+from probewatch.appliance.storage.reference_store import Entry
+from probewatch.tools.german.translation import recognised, told
 
 
 def entry_headings(language: str) -> tuple[str, ...]:

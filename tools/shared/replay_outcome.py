@@ -7,15 +7,15 @@ from pathlib import Path
 import click
 from rich.console import Console
 
-from appliance.core.handeye.second_opinion import SecondOpinion
-from appliance.core.quality.check_fields import limits_fields, point_fields
-from appliance.core.quality.report import Change, LineReport, report_json
-from appliance.types import Calibration, Check
-from tools.shared.point_text import point_text
-from tools.shared.profile_text import profile_text
-from tools.shared.rerun import Comparison
-from tools.shared.subject import Subject
-from tools.shared.tables import NOTHING, FittingTable
+from probewatch.appliance.core.handeye.second_opinion import SecondOpinion
+from probewatch.appliance.core.quality.check_fields import limits_fields, point_fields
+from probewatch.appliance.core.quality.report import Change, LineReport, report_json
+from probewatch.appliance.types import Calibration, Check
+from probewatch.tools.shared.point_text import point_text
+from probewatch.tools.shared.profile_text import profile_text
+from probewatch.tools.shared.rerun import Comparison
+from probewatch.tools.shared.subject import Subject
+from probewatch.tools.shared.tables import NOTHING, FittingTable
 
 
 @dataclass(frozen=True)

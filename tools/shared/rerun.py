@@ -10,15 +10,15 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol
 
-from appliance.core.estimator_settings import EstimatorSettings
-from appliance.core.exact_fields import verdict_fields
-from appliance.core.line import Line
-from appliance.core.quality.report import LineReport
-from appliance.limits import Limits
-from appliance.storage.black_box import Series
-from appliance.storage.black_box_fields import Gap, Item, Made, State
-from appliance.types import Calibration, Verdict, VerdictKind
-from drivers.samples import Frame, Matrix4, Pose, Sample
+from probewatch.appliance.core.estimator_settings import EstimatorSettings
+from probewatch.appliance.core.exact_fields import verdict_fields
+from probewatch.appliance.core.line import Line
+from probewatch.appliance.core.quality.report import LineReport
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.storage.black_box import Series
+from probewatch.appliance.storage.black_box_fields import Gap, Item, Made, State
+from probewatch.appliance.types import Calibration, Verdict, VerdictKind
+from probewatch.drivers.samples import Frame, Matrix4, Pose, Sample
 
 
 class Repeating(Protocol):

@@ -10,9 +10,9 @@ from importlib.metadata import version
 
 import numpy as np
 
-from appliance.crosswire.running import Running
-from appliance.types import PARAMETERS
-from drivers.errors import ConfigurationError
+from probewatch.appliance.crosswire.running import Running
+from probewatch.appliance.types import PARAMETERS
+from probewatch.drivers.errors import ConfigurationError
 
 NOT_MADE = "not made: "
 """How the record of the check at another point begins where there was none; then comes the reason."""

@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 from typing import Any
 
-from appliance.supervision.alarms import NOT_NOW
-from appliance.supervision.languages import LANGUAGES, translated, translated_text
+from probewatch.appliance.supervision.alarms import NOT_NOW
+from probewatch.appliance.supervision.languages import LANGUAGES, translated, translated_text
 
 SPOKEN = {
     "bump": "recorded: the tracker's position sensor was checked; an alert of a bump, if there was one, ends",

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from appliance.core.parameters import PER_UNIT
-from appliance.types import PARAMETERS, Vector
+from probewatch.appliance.core.parameters import PER_UNIT
+from probewatch.appliance.types import PARAMETERS, Vector
 
 
 def stated_change(checks: Iterable[Mapping[str, Any]]) -> tuple[Vector, Vector]:

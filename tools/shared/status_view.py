@@ -14,18 +14,18 @@ from rich.style import Style
 from rich.table import Table
 from rich.text import Text
 
-from appliance.service.control.status_fields import STATUS, Field
-from appliance.supervision.languages import translated, translated_text
-from appliance.types import Fault, State
-from drivers.device_api import BUMPED
-from tools.german.devices import device_text
-from tools.german.translation import lost_text, recognised, told
-from tools.shared.gesture_drawings import drawn
-from tools.shared.plain_text import shown
-from tools.shared.point_text import WORDS as POINT_WORDS
-from tools.shared.point_text import point_text
-from tools.shared.profile_text import WORDS as PROFILE_WORDS
-from tools.shared.profile_text import is_usual, profile_text
+from probewatch.appliance.service.control.status_fields import STATUS, Field
+from probewatch.appliance.supervision.languages import translated, translated_text
+from probewatch.appliance.types import Fault, State
+from probewatch.drivers.device_api import BUMPED
+from probewatch.tools.german.devices import device_text
+from probewatch.tools.german.translation import lost_text, recognised, told
+from probewatch.tools.shared.gesture_drawings import drawn
+from probewatch.tools.shared.plain_text import shown
+from probewatch.tools.shared.point_text import WORDS as POINT_WORDS
+from probewatch.tools.shared.point_text import point_text
+from probewatch.tools.shared.profile_text import WORDS as PROFILE_WORDS
+from probewatch.tools.shared.profile_text import is_usual, profile_text
 
 Status = Mapping[str, Any]
 _Check = Mapping[str, Any]

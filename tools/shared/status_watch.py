@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from appliance.service.control.client import ControlClient
-from appliance.service.control.starting import NoService
-from drivers.errors import ProbewatchError
-from tools.shared.named_cart import start_of
-from tools.shared.threaded import Threaded
+from probewatch.appliance.service.control.client import ControlClient
+from probewatch.appliance.service.control.starting import NoService
+from probewatch.drivers.errors import ProbewatchError
+from probewatch.tools.shared.named_cart import start_of
+from probewatch.tools.shared.threaded import Threaded
 
 _ANSWER_S = 1.0
 """For the service to answer: twenty ticks. Longer reports later that it does not."""

@@ -8,8 +8,8 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 
-from drivers.twins.faults import Schedule
-from tools.shared.digest import file_sha256
+from probewatch.drivers.twins.faults import Schedule
+from probewatch.tools.shared.digest import file_sha256
 
 _SHOWN = 12
 """Digits of a SHA-256 that a person compares."""

@@ -12,7 +12,7 @@ from rich.segment import Segment
 from rich.table import Table
 from rich.text import Text
 
-from tools.shared.plain_text import shown
+from probewatch.tools.shared.plain_text import shown
 
 _ENDLESS = 10_000
 """Columns that no table reaches, to measure how wide one wants to be."""

@@ -3,7 +3,7 @@
 import sys
 from typing import TYPE_CHECKING, Any, TextIO, cast
 
-from drivers.printable import printable_screen
+from probewatch.drivers.printable import printable_screen
 
 if TYPE_CHECKING:
     from rich.progress import Progress

@@ -3,7 +3,7 @@
 import threading
 from typing import Self
 
-from drivers.closable import Closable
+from probewatch.drivers.closable import Closable
 
 
 class Threaded(Closable):

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drivers.samples import Frame, Pose, PoseStatus
+from probewatch.drivers.samples import Frame, Pose, PoseStatus
 
 LEAST_HZ = {"video": 10.0, "tracker": 15.0}
 """Samples per second: half of the slowest that the line was measured with (docs/study.md). Fewer verify too late."""

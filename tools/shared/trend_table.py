@@ -5,11 +5,11 @@ from collections.abc import Sequence
 from datetime import datetime
 from math import inf, isfinite
 
-from appliance.core.parameters import MEASURED, QUANTITIES, class_of
-from appliance.core.quality.trend import Estimate, Trend, trend
-from appliance.storage.alarm_chain import Entry, Event
-from tools.german.translation import recognised, told
-from tools.shared.tables import NOTHING
+from probewatch.appliance.core.parameters import MEASURED, QUANTITIES, class_of
+from probewatch.appliance.core.quality.trend import Estimate, Trend, trend
+from probewatch.appliance.storage.alarm_chain import Entry, Event
+from probewatch.tools.german.translation import recognised, told
+from probewatch.tools.shared.tables import NOTHING
 
 HEADINGS = ("parameter", "estimates", "now", "limit", "since the first", "per day", "reaches the limit", "is")
 _FAR_DAYS = 3650

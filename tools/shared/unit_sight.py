@@ -5,9 +5,9 @@
 from collections.abc import Iterator
 from pathlib import Path
 
-from appliance.configuration.config import Config
-from drivers.registry import split_url
-from tools.shared.named_cart import CONFIG
+from probewatch.appliance.configuration.config import Config
+from probewatch.drivers.registry import split_url
+from probewatch.tools.shared.named_cart import CONFIG
 
 _HIDDEN = ("/home", "/root", "/run/user", "/tmp", "/var/tmp")
 _REMEDY = "Copy it to /etc/probewatch, and name it there"

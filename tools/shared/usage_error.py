@@ -7,9 +7,9 @@ from pathlib import Path
 
 import click
 
-from tools.german.usage import usage_text
-from tools.shared.bare_option import with_what_it_takes
-from tools.shared.named_cart import CONFIG, ENVIRONMENT, language_in
+from probewatch.tools.german.usage import usage_text
+from probewatch.tools.shared.bare_option import with_what_it_takes
+from probewatch.tools.shared.named_cart import CONFIG, ENVIRONMENT, language_in
 
 
 def show_usage_error(error: click.ClickException, group: click.Group, words: Sequence[str]) -> None:

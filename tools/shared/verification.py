@@ -9,15 +9,15 @@ from typing import Any
 
 import click
 
-from appliance.core.quality.gesture import gestures
-from appliance.service.control.client import ControlClient
-from appliance.service.control.server import ControlRefused
-from appliance.supervision.alarms import HAZARDS, NOT_NOW, SIGNALS
-from appliance.types import Fault, Kind, State
-from drivers.errors import ConfigurationError, DeviceLost, ProbewatchError
-from tools.german.translation import confirmed, recognised, told
-from tools.shared.interruption import stopped_saying
-from tools.shared.terminal import progress_bar
+from probewatch.appliance.core.quality.gesture import gestures
+from probewatch.appliance.service.control.client import ControlClient
+from probewatch.appliance.service.control.server import ControlRefused
+from probewatch.appliance.supervision.alarms import HAZARDS, NOT_NOW, SIGNALS
+from probewatch.appliance.types import Fault, Kind, State
+from probewatch.drivers.errors import ConfigurationError, DeviceLost, ProbewatchError
+from probewatch.tools.german.translation import confirmed, recognised, told
+from probewatch.tools.shared.interruption import stopped_saying
+from probewatch.tools.shared.terminal import progress_bar
 
 _HOLD_S = 900.0
 """Of silence after which the service gives up for a command that hangs: reading a long recording takes minutes.

@@ -12,13 +12,13 @@ from pathlib import Path
 
 import click
 
-from drivers.errors import ConfigurationError
-from drivers.files.atomic_file import check_kind, check_new, check_replaceable, replacing
-from drivers.twins.faults import PICTURE_FAULTS
-from drivers.twins.ndi.tracker import NDI_FAULTS
-from tools.shared.configuration_text import Answers, changed, template
-from tools.shared.termination import termination
-from tools.simulators.whole_cart import CartSettings, Event, SimulatedDevices
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.drivers.files.atomic_file import check_kind, check_new, check_replaceable, replacing
+from probewatch.drivers.twins.faults import PICTURE_FAULTS
+from probewatch.drivers.twins.ndi.tracker import NDI_FAULTS
+from probewatch.tools.shared.configuration_text import Answers, changed, template
+from probewatch.tools.shared.termination import termination
+from probewatch.tools.simulators.whole_cart import CartSettings, Event, SimulatedDevices
 
 _BEGINS = "# SIMULATED devices of `probewatch simulate cart`"
 _LOOK_S = 0.5

@@ -5,11 +5,11 @@ from pathlib import Path
 
 import click
 
-from drivers.clock.host_clock import HostClock
-from drivers.io.byte_log import read_log
-from drivers.twins.byte_log_twin import LogTwin
-from tools.shared.termination import termination
-from tools.simulators.ndi import line_options, open_line, url_of
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.io.byte_log import read_log
+from probewatch.drivers.twins.byte_log_twin import LogTwin
+from probewatch.tools.shared.termination import termination
+from probewatch.tools.simulators.ndi import line_options, open_line, url_of
 
 
 @click.command("log")

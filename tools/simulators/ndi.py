@@ -7,21 +7,21 @@ from pathlib import Path
 
 import click
 
-from drivers.clock.host_clock import HostClock
-from drivers.errors import ConfigurationError
-from drivers.twins.fault_control import FaultControl, parse_fault
-from drivers.twins.faults import Schedule
-from drivers.twins.ndi.combined_api import CombinedApi
-from drivers.twins.ndi.models import MODELS, Model
-from drivers.twins.ndi.port_handles import WIRED_TOOLS
-from drivers.twins.ndi.tool_definitions import PROBE, REFERENCE, make_rom
-from drivers.twins.ndi.tracker import NDI_FAULTS, NdiTwin
-from drivers.twins.pty_line import PtyLine, TwinLine
-from drivers.twins.scene.tank import PlaceOfWork
-from drivers.twins.scene.world import World
-from drivers.twins.tcp_line import TcpLine
-from tools.shared.termination import termination
-from tools.simulators.options import (
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.drivers.twins.fault_control import FaultControl, parse_fault
+from probewatch.drivers.twins.faults import Schedule
+from probewatch.drivers.twins.ndi.combined_api import CombinedApi
+from probewatch.drivers.twins.ndi.models import MODELS, Model
+from probewatch.drivers.twins.ndi.port_handles import WIRED_TOOLS
+from probewatch.drivers.twins.ndi.tool_definitions import PROBE, REFERENCE, make_rom
+from probewatch.drivers.twins.ndi.tracker import NDI_FAULTS, NdiTwin
+from probewatch.drivers.twins.pty_line import PtyLine, TwinLine
+from probewatch.drivers.twins.scene.tank import PlaceOfWork
+from probewatch.drivers.twins.scene.world import World
+from probewatch.drivers.twins.tcp_line import TcpLine
+from probewatch.tools.shared.termination import termination
+from probewatch.tools.simulators.options import (
     CONTROL,
     FAULTS_AT,
     FILE,

@@ -8,15 +8,15 @@ from pathlib import Path
 import click
 import cv2
 
-from drivers.clock.host_clock import HostClock
-from drivers.registry import check_options, open_tracker, open_video
-from drivers.twins.fault_control import FaultControl, parse_fault
-from drivers.twins.faults import Schedule
-from drivers.twins.openigtlink import FAULTS, IMAGE_NAME, IgtlTwin, Opener
-from drivers.twins.scene.world import World
-from drivers.twins.world_sources import WorldTracker, WorldVideo
-from tools.shared.termination import termination
-from tools.simulators.options import CONTROL, FAULTS_AT, ORIGIN, PROGRAM, RATE, SEED
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.registry import check_options, open_tracker, open_video
+from probewatch.drivers.twins.fault_control import FaultControl, parse_fault
+from probewatch.drivers.twins.faults import Schedule
+from probewatch.drivers.twins.openigtlink import FAULTS, IMAGE_NAME, IgtlTwin, Opener
+from probewatch.drivers.twins.scene.world import World
+from probewatch.drivers.twins.world_sources import WorldTracker, WorldVideo
+from probewatch.tools.shared.termination import termination
+from probewatch.tools.simulators.options import CONTROL, FAULTS_AT, ORIGIN, PROGRAM, RATE, SEED
 
 
 # Bounds: of the other simulators.

@@ -6,11 +6,11 @@ from typing import Protocol
 
 import click
 
-from drivers.errors import ConfigurationError
-from drivers.twins.scene.tank import PlaceOfWork
-from drivers.twins.scene.trajectory import PROGRAMS, USUAL_PROGRAM
-from drivers.twins.scene.world import World
-from drivers.twins.tool_motion import PoseAt, pose_file, recorded_motion, world_motion
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.drivers.twins.scene.tank import PlaceOfWork
+from probewatch.drivers.twins.scene.trajectory import PROGRAMS, USUAL_PROGRAM
+from probewatch.drivers.twins.scene.world import World
+from probewatch.drivers.twins.tool_motion import PoseAt, pose_file, recorded_motion, world_motion
 
 
 class Option(Protocol):

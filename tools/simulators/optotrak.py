@@ -5,14 +5,14 @@ from pathlib import Path
 
 import click
 
-from drivers.clock.host_clock import HostClock
-from drivers.twins.fault_control import FaultControl, parse_fault
-from drivers.twins.faults import Schedule
-from drivers.twins.optotrak.first_principles import Device
-from drivers.twins.optotrak.tracker import FAULTS, serve
-from drivers.twins.scene.world import World
-from tools.shared.termination import termination
-from tools.simulators.options import (
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.twins.fault_control import FaultControl, parse_fault
+from probewatch.drivers.twins.faults import Schedule
+from probewatch.drivers.twins.optotrak.first_principles import Device
+from probewatch.drivers.twins.optotrak.tracker import FAULTS, serve
+from probewatch.drivers.twins.scene.world import World
+from probewatch.tools.shared.termination import termination
+from probewatch.tools.simulators.options import (
     CONTROL,
     FAULTS_AT,
     MOTION_FILES,

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import click
 
-from drivers.clock.host_clock import HostClock
-from drivers.twins.pty_line import PtyLine
-from drivers.twins.relay_board import RelayBoard
-from tools.shared.termination import termination
-from tools.simulators.options import ORIGIN, RATE
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.twins.pty_line import PtyLine
+from probewatch.drivers.twins.relay_board import RelayBoard
+from probewatch.tools.shared.termination import termination
+from probewatch.tools.simulators.options import ORIGIN, RATE
 
 
 # Bounds: boards of this kind have up to eight relays; those of --rate as for `simulate ndi`.

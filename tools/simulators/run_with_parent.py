@@ -1,5 +1,5 @@
-"""`python -m tools.simulators.run_with_parent PARENT COMMAND …`: becomes COMMAND, which gets SIGTERM when the process
-PARENT dies.
+"""`python -m probewatch.tools.simulators.run_with_parent PARENT COMMAND …`: becomes COMMAND, which gets SIGTERM when
+the process PARENT dies.
 
 Where it is allowed, COMMAND has the priority that the unit file gives the service: real devices do not slow down on a
 busy machine, so simulated ones should not either.
@@ -10,7 +10,7 @@ import signal
 import sys
 from contextlib import suppress
 
-from appliance.service.host.child_process import end_with_parent
+from probewatch.appliance.service.host.child_process import end_with_parent
 
 _NICE = -10
 """As systemd/probewatch.service."""
@@ -18,7 +18,7 @@ _NICE = -10
 
 def with_parent(*command: str) -> list[str]:
     """The command line that runs `command` as a child which ends with this process."""
-    return [sys.executable, "-P", "-m", "tools.simulators.run_with_parent", str(os.getpid()), *command]
+    return [sys.executable, "-P", "-m", "probewatch.tools.simulators.run_with_parent", str(os.getpid()), *command]
 
 
 def main() -> None:

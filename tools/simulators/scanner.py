@@ -8,17 +8,17 @@ from pathlib import Path
 import click
 import cv2
 
-from drivers.clock.host_clock import HostClock
-from drivers.twins.fault_control import FaultControl
-from drivers.twins.faults import PICTURE_FAULTS
-from drivers.twins.scanner import Scanner, VideoPlug
-from drivers.twins.scene.bedside import Bedside
-from drivers.twins.scene.surroundings import RIGID, listed
-from drivers.twins.scene.tank import PlaceOfWork
-from drivers.twins.scene.trajectory import PROGRAMS, USUAL_PROGRAM
-from drivers.twins.scene.world import SCENES, World, WorldSettings
-from tools.shared.termination import termination
-from tools.simulators.options import ORIGIN, RATE, SEED
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.twins.fault_control import FaultControl
+from probewatch.drivers.twins.faults import PICTURE_FAULTS
+from probewatch.drivers.twins.scanner import Scanner, VideoPlug
+from probewatch.drivers.twins.scene.bedside import Bedside
+from probewatch.drivers.twins.scene.surroundings import RIGID, listed
+from probewatch.drivers.twins.scene.tank import PlaceOfWork
+from probewatch.drivers.twins.scene.trajectory import PROGRAMS, USUAL_PROGRAM
+from probewatch.drivers.twins.scene.world import SCENES, World, WorldSettings
+from probewatch.tools.shared.termination import termination
+from probewatch.tools.simulators.options import ORIGIN, RATE, SEED
 
 
 # Bounds of --rate: those of `simulate ndi`. Of --fps: from a slow sweep to what no scanner of the field exceeds.

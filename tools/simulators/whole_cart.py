@@ -14,23 +14,23 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self
 
-from appliance.service.control.client import ControlClient
-from appliance.service.control.server import ControlRefused
-from appliance.service.host.child_process import ONE_THREAD
-from appliance.storage.calibration_file import write_calibration
-from appliance.storage.image_to_probe import calibration_from_image_to_probe
-from drivers.clock.host_clock import HostClock
-from drivers.closable import Closable
-from drivers.errors import DeviceLost, ProbewatchError
-from drivers.files.atomic_file import replacing
-from drivers.twins.faults import PICTURE_FAULTS, Schedule
-from drivers.twins.scene.surroundings import RIGID
-from drivers.twins.scene.world import World
-from tools.simulators.run_with_parent import with_parent
+from probewatch.appliance.service.control.client import ControlClient
+from probewatch.appliance.service.control.server import ControlRefused
+from probewatch.appliance.service.host.child_process import ONE_THREAD
+from probewatch.appliance.storage.calibration_file import write_calibration
+from probewatch.appliance.storage.image_to_probe import calibration_from_image_to_probe
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.closable import Closable
+from probewatch.drivers.errors import DeviceLost, ProbewatchError
+from probewatch.drivers.files.atomic_file import replacing
+from probewatch.drivers.twins.faults import PICTURE_FAULTS, Schedule
+from probewatch.drivers.twins.scene.surroundings import RIGID
+from probewatch.drivers.twins.scene.world import World
+from probewatch.tools.simulators.run_with_parent import with_parent
 
 Event = dict[str, Any]
 
-_PROBEWATCH = [sys.executable, "-P", "-c", "from tools.cli import main; main()"]
+_PROBEWATCH = [sys.executable, "-P", "-c", "from probewatch.tools.cli import main; main()"]
 TWINS = {
     "scanner": [*_PROBEWATCH, "simulate", "scanner"],
     "polaris": [*_PROBEWATCH, "simulate", "ndi", "--model", "polaris-spectra"],

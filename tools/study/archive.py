@@ -5,23 +5,23 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from appliance.core.line import Line
-from appliance.core.parameters import MEASURED
-from appliance.core.quality.report import Change, LineReport
-from appliance.limits import Limits
-from appliance.storage.black_box import BlackBox, Series, series_of
-from appliance.storage.calibration_file import calibration_bytes, is_device_set, parse_calibration
-from appliance.supervision.timeline import Judging
-from drivers.errors import ConfigurationError, ProbewatchError, RecordingError
-from drivers.recordings.replay import open_recording
-from drivers.twins.faults import Schedule
-from tools.shared.digest import files_sha256, files_state, with_pictures
-from tools.shared.found_recordings import is_box
-from tools.shared.recording_run import BlackBoxSession, Session, run, run_series
-from tools.shared.rerun import Comparison
-from tools.shared.tables import NOTHING, FittingTable
-from tools.study.outcome import cell, closed_share
-from tools.study.store import NotFetchedError, fetched, state_of
+from probewatch.appliance.core.line import Line
+from probewatch.appliance.core.parameters import MEASURED
+from probewatch.appliance.core.quality.report import Change, LineReport
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.storage.black_box import BlackBox, Series, series_of
+from probewatch.appliance.storage.calibration_file import calibration_bytes, is_device_set, parse_calibration
+from probewatch.appliance.supervision.timeline import Judging
+from probewatch.drivers.errors import ConfigurationError, ProbewatchError, RecordingError
+from probewatch.drivers.recordings.replay import open_recording
+from probewatch.drivers.twins.faults import Schedule
+from probewatch.tools.shared.digest import files_sha256, files_state, with_pictures
+from probewatch.tools.shared.found_recordings import is_box
+from probewatch.tools.shared.recording_run import BlackBoxSession, Session, run, run_series
+from probewatch.tools.shared.rerun import Comparison
+from probewatch.tools.shared.tables import NOTHING, FittingTable
+from probewatch.tools.study.outcome import cell, closed_share
+from probewatch.tools.study.store import NotFetchedError, fetched, state_of
 
 NOT_FETCHED = "not fetched"
 """How the error of a recording begins that did not come."""

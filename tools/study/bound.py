@@ -11,9 +11,9 @@ from math import log, radians
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from appliance.core.parameters import PER_UNIT
-from drivers.rigid import Array, ComplexArray, inverse, rigid, rotation_from_vector
-from tools.study.session import FPS, Session, picture_path, steps_between
+from probewatch.appliance.core.parameters import PER_UNIT
+from probewatch.drivers.rigid import Array, ComplexArray, inverse, rigid, rotation_from_vector
+from probewatch.tools.study.session import FPS, Session, picture_path, steps_between
 
 BOUND_S = 30.0
 """Of motion: as long as a verification lasts, so what it cannot show is not to be had."""

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.rigid import Array
+from probewatch.drivers.rigid import Array
 
 Program = Callable[[Array, np.random.Generator], Array]
 """(n,) s → (6, n) mm and deg."""

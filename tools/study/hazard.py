@@ -9,12 +9,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from appliance.types import Calibration, Fault
-from drivers.errors import ConfigurationError
-from drivers.rigid import Array, inverse, rigid, rotation_from_vector
-from drivers.samples import GreyImage
-from drivers.suggestion import did_you_mean, suggested
-from tools.study.metal import distorted
+from probewatch.appliance.types import Calibration, Fault
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.drivers.rigid import Array, inverse, rigid, rotation_from_vector
+from probewatch.drivers.samples import GreyImage
+from probewatch.drivers.suggestion import did_you_mean, suggested
+from probewatch.tools.study.metal import distorted
 
 ONSET_S = 20.0
 """When what was not there from the start begins: a healthy session is verified by then, where it can be."""

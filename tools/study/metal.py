@@ -10,7 +10,7 @@ the one is tried in the other.
 
 import numpy as np
 
-from drivers.rigid import Array, rigid, rotation_from_vector
+from probewatch.drivers.rigid import Array, rigid, rotation_from_vector
 
 _COILS_MM = np.array([[x, y, 0.0] for x in (-70.0, 0.0, 70.0) for y in (-70.0, 0.0, 70.0)])
 """(9, 3) in the generator's own axes: a plate of 20 cm."""

@@ -7,16 +7,16 @@ from math import isfinite, nan
 
 import numpy as np
 
-from appliance.core.line import Line
-from appliance.core.parameters import MEASURED, PER_UNIT, limit_of_each
-from appliance.core.quality.report import Change, spells
-from appliance.limits import Limits
-from appliance.supervision.timeline import Timeline
-from appliance.types import Check, Fault, State, Verdict, VerdictKind
-from drivers.samples import Frame, GreyImage
-from tools.study.bound import bounds
-from tools.study.point import Coverage, errors_mm, places_mm
-from tools.study.samples import Conditions, samples, seconds, stamp_ns
+from probewatch.appliance.core.line import Line
+from probewatch.appliance.core.parameters import MEASURED, PER_UNIT, limit_of_each
+from probewatch.appliance.core.quality.report import Change, spells
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.supervision.timeline import Timeline
+from probewatch.appliance.types import Check, Fault, State, Verdict, VerdictKind
+from probewatch.drivers.samples import Frame, GreyImage
+from probewatch.tools.study.bound import bounds
+from probewatch.tools.study.point import Coverage, errors_mm, places_mm
+from probewatch.tools.study.samples import Conditions, samples, seconds, stamp_ns
 
 _EVERY_NS = 1_000_000_000
 """Between two looks at value and sigma: a few solutions apart. Looks within one window share its motion, so their

@@ -11,13 +11,21 @@ from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from appliance.core.parameters import MEASURED
-from drivers.errors import ConfigurationError
-from drivers.files.atomic_file import PAGE_BEGINS, check_replaceable, writing
-from tools.shared.tables import figures_in
-from tools.study.session import FPS
-from tools.study.summary import Coverage, Detection, Row, coverages, detections, false_rate_per_hour, healthy_hours
-from tools.study.table import CODE, INSTALL
+from probewatch.appliance.core.parameters import MEASURED
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.drivers.files.atomic_file import PAGE_BEGINS, check_replaceable, writing
+from probewatch.tools.shared.tables import figures_in
+from probewatch.tools.study.session import FPS
+from probewatch.tools.study.summary import (
+    Coverage,
+    Detection,
+    Row,
+    coverages,
+    detections,
+    false_rate_per_hour,
+    healthy_hours,
+)
+from probewatch.tools.study.table import CODE, INSTALL
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from drivers.rigid import Array, rigid, rotation_from_vector
+from probewatch.drivers.rigid import Array, rigid, rotation_from_vector
 
 _DEG_PER_MM = 0.4
 """Of turns, against the error of a place: .3° with .75 mm, as an optical tracker's residual against a robot's arm."""

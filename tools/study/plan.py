@@ -5,12 +5,12 @@ from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from appliance.limits import Profile
-from tools.study.hand import ALL
-from tools.study.hazard import Hazard
-from tools.study.outcome import run
-from tools.study.samples import DEFAULT, KEYS, Conditions, Tracker, rendered
-from tools.study.session import Session
+from probewatch.appliance.limits import Profile
+from probewatch.tools.study.hand import ALL
+from probewatch.tools.study.hazard import Hazard
+from probewatch.tools.study.outcome import run
+from probewatch.tools.study.samples import DEFAULT, KEYS, Conditions, Tracker, rendered
+from probewatch.tools.study.session import Session
 
 _MOST_RUNS = 4
 """Runs in one task: pictures are rendered once for all of them, and what is done is written down after each task."""

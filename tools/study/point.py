@@ -5,9 +5,9 @@ from math import nan
 
 import numpy as np
 
-from appliance.core.quality.point_error import Bounds, longest
-from drivers.rigid import Array, inverse, rigid
-from tools.study.samples import Conditions
+from probewatch.appliance.core.quality.point_error import Bounds, longest
+from probewatch.drivers.rigid import Array, inverse, rigid
+from probewatch.tools.study.samples import Conditions
 
 PLACES = 200
 """Of each picture. More tell no more: the errors of places of one picture are nearly one another's."""

@@ -7,18 +7,18 @@ from pathlib import Path
 
 import numpy as np
 
-from appliance.limits import Limits, Profile, RequiredAges
-from appliance.supervision.timeline import Judging
-from appliance.types import PARAMETERS
-from drivers.recordings.metaimage import read_metaimage
-from drivers.recordings.metaimage_writing import SequenceItem, write_metaimage
-from drivers.rigid import Array, rigid, rotation_from_vector
-from drivers.samples import Frame, GreyImage, Pose, PoseStatus, Sample, Stamp
-from drivers.twins.faults import blank_image
-from drivers.twins.scene.processing import ProcessingScanner
-from tools.study.hazard import Hazard
-from tools.study.place import erring_by_place
-from tools.study.session import FPS, Session
+from probewatch.appliance.limits import Limits, Profile, RequiredAges
+from probewatch.appliance.supervision.timeline import Judging
+from probewatch.appliance.types import PARAMETERS
+from probewatch.drivers.recordings.metaimage import read_metaimage
+from probewatch.drivers.recordings.metaimage_writing import SequenceItem, write_metaimage
+from probewatch.drivers.rigid import Array, rigid, rotation_from_vector
+from probewatch.drivers.samples import Frame, GreyImage, Pose, PoseStatus, Sample, Stamp
+from probewatch.drivers.twins.faults import blank_image
+from probewatch.drivers.twins.scene.processing import ProcessingScanner
+from probewatch.tools.study.hazard import Hazard
+from probewatch.tools.study.place import erring_by_place
+from probewatch.tools.study.session import FPS, Session
 
 POSE_HZ = 60.0
 """Of a Polaris Vega."""

@@ -8,15 +8,15 @@ from hashlib import sha256
 import numpy as np
 from numpy.typing import NDArray
 
-from appliance.storage.image_to_probe import calibration_from_image_to_probe
-from appliance.types import Calibration
-from drivers.rigid import Array, ComplexArray, inverse, rigid, rotation_from_vector
-from drivers.twins.scene.patient import Patient
-from drivers.twins.scene.sight import Sight
-from drivers.twins.scene.softness import dragged_along
-from drivers.twins.scene.surroundings import surroundings
-from drivers.twins.scene.world import World, WorldSettings
-from tools.study.hand import ALL, lifted
+from probewatch.appliance.storage.image_to_probe import calibration_from_image_to_probe
+from probewatch.appliance.types import Calibration
+from probewatch.drivers.rigid import Array, ComplexArray, inverse, rigid, rotation_from_vector
+from probewatch.drivers.twins.scene.patient import Patient
+from probewatch.drivers.twins.scene.sight import Sight
+from probewatch.drivers.twins.scene.softness import dragged_along
+from probewatch.drivers.twins.scene.surroundings import surroundings
+from probewatch.drivers.twins.scene.world import World, WorldSettings
+from probewatch.tools.study.hand import ALL, lifted
 
 TISSUES = ("still", "breathing")
 """Worlds of which a study consists unless others are named: rigid tissue."""

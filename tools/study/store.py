@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
-from drivers.errors import ConfigurationError, DeviceLost
-from drivers.printable import printable
-from drivers.recordings.metaimage import MAX_HEADER_BYTES
-from tools.shared.digest import HEADERS, pictures_named
-from tools.shared.found_recordings import SUFFIXES
-from tools.study.table import INSTALL
+from probewatch.drivers.errors import ConfigurationError, DeviceLost
+from probewatch.drivers.printable import printable
+from probewatch.drivers.recordings.metaimage import MAX_HEADER_BYTES
+from probewatch.tools.shared.digest import HEADERS, pictures_named
+from probewatch.tools.shared.found_recordings import SUFFIXES
+from probewatch.tools.study.table import INSTALL
 
 _COPY_BYTES = 1 << 22
 """Taken from the store at once: a request of an object store costs some 50 ms, whatever its size. Not measured."""

@@ -8,8 +8,8 @@ from statistics import median
 
 from scipy.stats import beta
 
-from appliance.core.parameters import MEASURED
-from tools.study.hazard import Hazard
+from probewatch.appliance.core.parameters import MEASURED
+from probewatch.tools.study.hazard import Hazard
 
 Row = dict[str, str]
 _SURE = 0.95

@@ -9,10 +9,9 @@ from collections.abc import Iterable, Sequence
 from importlib.metadata import version
 from pathlib import Path
 
-import appliance
-import drivers
-from drivers.errors import ConfigurationError
-from drivers.files.atomic_file import check_folder_writable
+from probewatch import appliance, drivers
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.drivers.files.atomic_file import check_folder_writable
 
 INSTALL = "Install it, in the project's folder: .venv/bin/pip install '.[study]'"
 """What to do where a package is missing that a cart does not need; probewatch is on no index, so it has a path."""

@@ -9,9 +9,9 @@ from concurrent.futures import CancelledError, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from typing import Any, TypeVar
 
-from appliance.service.host.child_process import end_with_parent
-from drivers.errors import ConfigurationError, DeviceLost
-from tools.study.table import INSTALL
+from probewatch.appliance.service.host.child_process import end_with_parent
+from probewatch.drivers.errors import ConfigurationError, DeviceLost
+from probewatch.tools.study.table import INSTALL
 
 _T = TypeVar("_T")
 _R = TypeVar("_R")

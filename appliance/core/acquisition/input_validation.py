@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from drivers.samples import GreyImage, Pose, PoseStatus
+from probewatch.drivers.samples import GreyImage, Pose, PoseStatus
 
 ORTHOGONAL_WITHIN = 1e-3
 """Error of any element of R Rᵀ. More could hide .06° of shear or .05 % of scale; the tightest limits are .5° and .5 %.

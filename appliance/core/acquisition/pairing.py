@@ -3,10 +3,10 @@
 from collections import Counter, deque
 from dataclasses import dataclass
 
-from appliance.core.times import MOST_APART_NS
-from appliance.types import StampedPair
-from drivers.rigid import interpolate
-from drivers.samples import Frame, Pose, PoseStatus, Stamp
+from probewatch.appliance.core.times import MOST_APART_NS
+from probewatch.appliance.types import StampedPair
+from probewatch.drivers.rigid import interpolate
+from probewatch.drivers.samples import Frame, Pose, PoseStatus, Stamp
 
 NO_POSE = "no pose before the frame"
 GAP = "poses too far apart"

@@ -7,11 +7,11 @@ from math import hypot
 
 import numpy as np
 
-from appliance.core.detectors.detector import Detector
-from appliance.limits import Limits
-from appliance.types import Calibration
-from drivers.rigid import Array, angle_from_rotation, inverse, rigid, rotation_from_vector
-from drivers.samples import Matrix4, Pose
+from probewatch.appliance.core.detectors.detector import Detector
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.types import Calibration
+from probewatch.drivers.rigid import Array, angle_from_rotation, inverse, rigid, rotation_from_vector
+from probewatch.drivers.samples import Matrix4, Pose
 
 SHIFT_NS = 100_000_000
 """How far before or after the tracker the pictures may show the same: the limit of the latency and one picture."""

@@ -3,13 +3,13 @@
 from dataclasses import replace
 from math import hypot, nan, sqrt
 
-from appliance.core.parameters import CLASSES, QUANTITIES, named_from
-from appliance.core.path.latency import Latency
-from appliance.core.path.residual import LEAST_TRAVEL_MM, SCALE
-from appliance.core.path.solver import Solution
-from appliance.limits import Limits
-from appliance.types import PARAMETERS, Check, Fault, VerdictKind
-from drivers.rigid import Array
+from probewatch.appliance.core.parameters import CLASSES, QUANTITIES, named_from
+from probewatch.appliance.core.path.latency import Latency
+from probewatch.appliance.core.path.residual import LEAST_TRAVEL_MM, SCALE
+from probewatch.appliance.core.path.solver import Solution
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.types import PARAMETERS, Check, Fault, VerdictKind
+from probewatch.drivers.rigid import Array
 
 REPORTS_FAULTS = (Fault.ROTATION, Fault.SCALE, Fault.OFFSET, Fault.LATENCY)
 

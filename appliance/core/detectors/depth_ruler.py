@@ -5,11 +5,11 @@ from math import hypot
 
 import numpy as np
 
-from appliance.core.detectors.detector import Detector
-from appliance.core.detectors.observation import Observation
-from appliance.core.detectors.ruler import Ruler, candidates, ruler_again, ruler_at
-from appliance.core.registration.pyramid import Bits
-from appliance.types import Check, Fault, VerdictKind
+from probewatch.appliance.core.detectors.detector import Detector
+from probewatch.appliance.core.detectors.observation import Observation
+from probewatch.appliance.core.detectors.ruler import Ruler, candidates, ruler_again, ruler_at
+from probewatch.appliance.core.registration.pyramid import Bits
+from probewatch.appliance.types import Check, Fault, VerdictKind
 
 REPORTS_FAULTS = (Fault.SCALE,)
 

@@ -5,9 +5,9 @@ Pure: time is in the stamps. A detector overrides what concerns it; the others d
 
 from collections.abc import Callable
 
-from appliance.core.detectors.observation import Observation
-from appliance.types import Check, Fault
-from drivers.samples import Pose
+from probewatch.appliance.core.detectors.observation import Observation
+from probewatch.appliance.types import Check, Fault
+from probewatch.drivers.samples import Pose
 
 
 class Detector:

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from appliance.core.detectors.magnification import is_even, pressed_between
-from appliance.core.detectors.picture_change import (
+from probewatch.appliance.core.detectors.magnification import is_even, pressed_between
+from probewatch.appliance.core.detectors.picture_change import (
     PictureChange,
     flip_or_zoom_of,
     lines_turned_by,
@@ -18,14 +18,14 @@ from appliance.core.detectors.picture_change import (
     shift_of,
     stretch_of,
 )
-from appliance.core.detectors.picture_link import SMALL_PX, Link, View
-from appliance.core.detectors.resting_picture import turned_or_sheared
-from appliance.core.detectors.stretch import carried, stretch_between
-from appliance.core.motion import out_of_plane_mm
-from appliance.core.registration.pyramid import Array32
-from appliance.limits import Limits
-from appliance.types import Calibration
-from drivers.rigid import Array
+from probewatch.appliance.core.detectors.picture_link import SMALL_PX, Link, View
+from probewatch.appliance.core.detectors.resting_picture import turned_or_sheared
+from probewatch.appliance.core.detectors.stretch import carried, stretch_between
+from probewatch.appliance.core.motion import out_of_plane_mm
+from probewatch.appliance.core.registration.pyramid import Array32
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.types import Calibration
+from probewatch.drivers.rigid import Array
 
 _EARLIER_NS, _LOOKS_NS = 600_000_000, 150_000_000
 """How old the picture is that is held against the newest one while the hand is still, and between two such looks: what

@@ -8,9 +8,9 @@ from collections import deque
 
 import numpy as np
 
-from appliance.core.detectors.picture_link import contrasts
-from appliance.core.registration.pyramid import Array32
-from drivers.rigid import Array
+from probewatch.appliance.core.detectors.picture_link import contrasts
+from probewatch.appliance.core.registration.pyramid import Array32
+from probewatch.drivers.rigid import Array
 
 _WITHIN_NS, _HALF_NS = 800_000_000, 400_000_000
 """From before a dip to after it, at most, and for one that is half as long. Longer sees slower fades, and tissue of

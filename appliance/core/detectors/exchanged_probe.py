@@ -8,10 +8,10 @@ sits on another probe, or that the file is another probe's.
 from collections.abc import Callable, Sequence
 from math import isfinite
 
-from appliance.core.detectors.detector import Detector
-from appliance.core.parameters import QUANTITIES
-from appliance.limits import Limits
-from appliance.types import Check, Fault, VerdictKind
+from probewatch.appliance.core.detectors.detector import Detector
+from probewatch.appliance.core.parameters import QUANTITIES
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.types import Check, Fault, VerdictKind
 
 REPORTS_FAULTS = (Fault.EXCHANGED_PROBE,)
 

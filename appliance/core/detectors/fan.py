@@ -6,7 +6,7 @@ from typing import cast
 
 import numpy as np
 
-from appliance.core.detectors.fan_borders import (
+from probewatch.appliance.core.detectors.fan_borders import (
     APEX_X,
     APEX_Y,
     ASPECT,
@@ -23,9 +23,9 @@ from appliance.core.detectors.fan_borders import (
     predicted,
     window,
 )
-from appliance.core.detectors.fan_search import fan_about, thresholds
-from drivers.rigid import Array
-from drivers.samples import GreyImage
+from probewatch.appliance.core.detectors.fan_search import fan_about, thresholds
+from probewatch.drivers.rigid import Array
+from probewatch.drivers.samples import GreyImage
 
 _WINDOWS_PX = (16, 8)
 """On either side of where a border was last found in which it is looked for, one after the other. The first covers what

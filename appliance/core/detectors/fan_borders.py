@@ -10,9 +10,9 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from appliance.core.registration.pyramid import Bits
-from drivers.rigid import Array
-from drivers.samples import GreyImage
+from probewatch.appliance.core.registration.pyramid import Bits
+from probewatch.drivers.rigid import Array
+from probewatch.drivers.samples import GreyImage
 
 LEFT, RIGHT, FACE, BOTTOM = range(4)
 """Borders, in the order of every list of them."""

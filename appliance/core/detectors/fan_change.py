@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from appliance.core.detectors.fan import Fan
-from appliance.core.detectors.fan_borders import BOTTOM_RADIUS, LEFT_SLOPE
-from drivers.rigid import Array
+from probewatch.appliance.core.detectors.fan import Fan
+from probewatch.appliance.core.detectors.fan_borders import BOTTOM_RADIUS, LEFT_SLOPE
+from probewatch.drivers.rigid import Array
 
 _ROUNDS = 3
 """Rounds of least squares: a stretch of a half and a shift by half of the picture are found to 10⁻⁴."""

@@ -3,9 +3,9 @@
 import cv2
 import numpy as np
 
-from appliance.core.detectors.fan_borders import BOTTOM, FACE, LEFT, RIGHT
-from drivers.rigid import Array
-from drivers.samples import GreyImage
+from probewatch.appliance.core.detectors.fan_borders import BOTTOM, FACE, LEFT, RIGHT
+from probewatch.drivers.rigid import Array
+from probewatch.drivers.samples import GreyImage
 
 _LONGEST_PX = 480
 """Longest side of the picture that is searched, for which every second or third pixel of a larger one is taken. More

@@ -9,15 +9,24 @@ from math import isfinite
 
 import numpy as np
 
-from appliance.core.detectors.detector import Detector
-from appliance.core.detectors.fan import Fan, fan_near, scale_sigmas, searching
-from appliance.core.detectors.fan_borders import ASPECT, BOTTOM, FACE, FACE_RADIUS, LEFT, RIGHT, joined, window
-from appliance.core.detectors.fan_change import FanChange, change_between
-from appliance.core.detectors.observation import Observation
-from appliance.limits import Limits
-from appliance.types import Calibration, Check, Fault, VerdictKind
-from drivers.rigid import Array
-from drivers.samples import GreyImage
+from probewatch.appliance.core.detectors.detector import Detector
+from probewatch.appliance.core.detectors.fan import Fan, fan_near, scale_sigmas, searching
+from probewatch.appliance.core.detectors.fan_borders import (
+    ASPECT,
+    BOTTOM,
+    FACE,
+    FACE_RADIUS,
+    LEFT,
+    RIGHT,
+    joined,
+    window,
+)
+from probewatch.appliance.core.detectors.fan_change import FanChange, change_between
+from probewatch.appliance.core.detectors.observation import Observation
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.types import Calibration, Check, Fault, VerdictKind
+from probewatch.drivers.rigid import Array
+from probewatch.drivers.samples import GreyImage
 
 REPORTS_FAULTS = (Fault.SCALE,)
 

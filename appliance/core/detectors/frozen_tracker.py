@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from appliance.core.detectors.detector import Detector
-from appliance.core.detectors.observation import Observation
-from appliance.types import Check, Fault, VerdictKind
-from drivers.samples import Matrix4, Pose
+from probewatch.appliance.core.detectors.detector import Detector
+from probewatch.appliance.core.detectors.observation import Observation
+from probewatch.appliance.types import Check, Fault, VerdictKind
+from probewatch.drivers.samples import Matrix4, Pose
 
 REPORTS_FAULTS = (Fault.TRACKER_STALE,)
 

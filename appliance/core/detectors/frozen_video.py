@@ -3,10 +3,10 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from appliance.core.detectors.detector import Detector
-from appliance.core.detectors.screen_change import ScreenChange, sparse_of
-from appliance.types import Check, Fault, VerdictKind
-from drivers.samples import GreyImage
+from probewatch.appliance.core.detectors.detector import Detector
+from probewatch.appliance.core.detectors.screen_change import ScreenChange, sparse_of
+from probewatch.appliance.types import Check, Fault, VerdictKind
+from probewatch.drivers.samples import GreyImage
 
 REPORTS_FAULTS = (Fault.FROZEN_VIDEO, Fault.USER_FREEZE)
 

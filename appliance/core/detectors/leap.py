@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drivers.rigid import Array
+from probewatch.drivers.rigid import Array
 
 _DEGREE, _LEAST_SPARE = 3, 4
 """Degree of the polynomial in time, and readings beyond the unknowns below which it is one less. A lower one takes the

@@ -10,15 +10,15 @@ from math import ceil, floor
 
 import numpy as np
 
-from appliance.core.detectors.picture_change import PictureChange
-from appliance.core.detectors.picture_link import View
-from appliance.core.detectors.stretch import carried, likeness_in_place, stretch_between
-from appliance.core.motion import predicted_motion
-from appliance.core.registration.keyframe import compose, warp_matrix
-from appliance.core.registration.pyramid import Array32
-from appliance.core.registration.realtime_tracker import Warp
-from appliance.types import Calibration
-from drivers.rigid import Array
+from probewatch.appliance.core.detectors.picture_change import PictureChange
+from probewatch.appliance.core.detectors.picture_link import View
+from probewatch.appliance.core.detectors.stretch import carried, likeness_in_place, stretch_between
+from probewatch.appliance.core.motion import predicted_motion
+from probewatch.appliance.core.registration.keyframe import compose, warp_matrix
+from probewatch.appliance.core.registration.pyramid import Array32
+from probewatch.appliance.core.registration.realtime_tracker import Warp
+from probewatch.appliance.types import Calibration
+from probewatch.drivers.rigid import Array
 
 _OVER_NS = 1_000_000_000
 """Over which it is added up. Longer adds up more noise, and the strain of tissue under a hand that presses; shorter

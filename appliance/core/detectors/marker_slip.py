@@ -21,14 +21,14 @@ from math import hypot, log, sqrt
 
 import numpy as np
 
-from appliance.core.detectors.body_slip import ALIKE, DENIED, LAGS_NS, SHIFT_NS, BodySlip, extent
-from appliance.core.detectors.leap import Leap, around_step, fit_leap, retraced, uneven_step
-from appliance.core.detectors.observation import Observation
-from appliance.core.times import MOST_APART_NS
-from appliance.limits import Limits
-from appliance.types import Calibration, Check, Fault, VerdictKind
-from drivers.rigid import Array, inverse, vector_from_rotation
-from drivers.samples import Matrix4
+from probewatch.appliance.core.detectors.body_slip import ALIKE, DENIED, LAGS_NS, SHIFT_NS, BodySlip, extent
+from probewatch.appliance.core.detectors.leap import Leap, around_step, fit_leap, retraced, uneven_step
+from probewatch.appliance.core.detectors.observation import Observation
+from probewatch.appliance.core.times import MOST_APART_NS
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.types import Calibration, Check, Fault, VerdictKind
+from probewatch.drivers.rigid import Array, inverse, vector_from_rotation
+from probewatch.drivers.samples import Matrix4
 
 REPORTS_FAULTS = (Fault.ROTATION, Fault.OFFSET)
 

@@ -3,11 +3,11 @@
 from itertools import cycle
 from math import exp
 
-from appliance.core.detectors.detector import Detector
-from appliance.core.detectors.observation import Observation
-from appliance.core.registration.texture import Texture, TextureReader
-from appliance.types import Check, Fault, VerdictKind
-from drivers.samples import GreyImage
+from probewatch.appliance.core.detectors.detector import Detector
+from probewatch.appliance.core.detectors.observation import Observation
+from probewatch.appliance.core.registration.texture import Texture, TextureReader
+from probewatch.appliance.types import Check, Fault, VerdictKind
+from probewatch.drivers.samples import GreyImage
 
 REPORTS_FAULTS = (Fault.NO_PICTURE,)
 

@@ -2,11 +2,11 @@
 
 from dataclasses import dataclass
 
-from appliance.core.motion import plane_step
-from appliance.core.registration.realtime_tracker import Tracked, Warp
-from appliance.types import Calibration
-from drivers.rigid import Array
-from drivers.samples import Frame, GreyImage, Matrix4
+from probewatch.appliance.core.motion import plane_step
+from probewatch.appliance.core.registration.realtime_tracker import Tracked, Warp
+from probewatch.appliance.types import Calibration
+from probewatch.drivers.rigid import Array
+from probewatch.drivers.samples import Frame, GreyImage, Matrix4
 
 _STEADY_CORRELATION = 0.6
 """Likeness from which a picture may testify against the tracker. Less takes a bad registration for a leap of the

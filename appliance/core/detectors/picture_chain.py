@@ -13,12 +13,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from appliance.core.detectors.detector import Detector
-from appliance.core.detectors.dissolved_picture import DissolvedPicture
-from appliance.core.detectors.double_exposure import DoubleExposure
-from appliance.core.detectors.magnification import Magnification, pressed_between
-from appliance.core.detectors.observation import Observation
-from appliance.core.detectors.picture_change import (
+from probewatch.appliance.core.detectors.detector import Detector
+from probewatch.appliance.core.detectors.dissolved_picture import DissolvedPicture
+from probewatch.appliance.core.detectors.double_exposure import DoubleExposure
+from probewatch.appliance.core.detectors.magnification import Magnification, pressed_between
+from probewatch.appliance.core.detectors.observation import Observation
+from probewatch.appliance.core.detectors.picture_change import (
     LEAST_STRETCH,
     PictureChange,
     Stretched,
@@ -26,7 +26,7 @@ from appliance.core.detectors.picture_change import (
     flip_or_zoom_of,
     searchable,
 )
-from appliance.core.detectors.picture_link import (
+from probewatch.appliance.core.detectors.picture_link import (
     SMALL_PX,
     Link,
     View,
@@ -34,15 +34,15 @@ from appliance.core.detectors.picture_link import (
     link_between,
     small,
 )
-from appliance.core.detectors.polarity import MOST_FLIPPED
-from appliance.core.detectors.resting_picture import RestingPicture
-from appliance.core.detectors.stretch import carried, likeness_in_place, lines_turned
-from appliance.core.motion import out_of_plane_mm, predicted_motion
-from appliance.core.registration.pyramid import Array32, Bits
-from appliance.core.registration.realtime_tracker import Warp
-from appliance.limits import Limits
-from appliance.types import Calibration, Check, Fault, VerdictKind
-from drivers.rigid import Array
+from probewatch.appliance.core.detectors.polarity import MOST_FLIPPED
+from probewatch.appliance.core.detectors.resting_picture import RestingPicture
+from probewatch.appliance.core.detectors.stretch import carried, likeness_in_place, lines_turned
+from probewatch.appliance.core.motion import out_of_plane_mm, predicted_motion
+from probewatch.appliance.core.registration.pyramid import Array32, Bits
+from probewatch.appliance.core.registration.realtime_tracker import Warp
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.types import Calibration, Check, Fault, VerdictKind
+from probewatch.drivers.rigid import Array
 
 REPORTS_FAULTS = (Fault.POLARITY, Fault.SCALE)
 

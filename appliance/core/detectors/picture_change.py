@@ -11,11 +11,11 @@ from itertools import product
 import cv2
 import numpy as np
 
-from appliance.core.detectors.picture_link import DARK, contrast_of, parts_shown
-from appliance.core.detectors.polarity import POLARITIES
-from appliance.core.detectors.stretch import lines_between, seen_in_both, stretch_between, warped
-from appliance.core.registration.pyramid import Array32
-from drivers.rigid import Array
+from probewatch.appliance.core.detectors.picture_link import DARK, contrast_of, parts_shown
+from probewatch.appliance.core.detectors.polarity import POLARITIES
+from probewatch.appliance.core.detectors.stretch import lines_between, seen_in_both, stretch_between, warped
+from probewatch.appliance.core.registration.pyramid import Array32
+from probewatch.drivers.rigid import Array
 
 _LEAST_LIKENESS, _BETTER_BY = 0.55, 0.25
 """Correlation of the changed picture, and how much more than that of the unchanged one, wherever a fast hand took it.

@@ -13,9 +13,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from appliance.core.registration.pyramid import Array32, Bits
-from drivers.rigid import Array
-from drivers.samples import GreyImage, Matrix4
+from probewatch.appliance.core.registration.pyramid import Array32, Bits
+from probewatch.drivers.rigid import Array
+from probewatch.drivers.samples import GreyImage, Matrix4
 
 SMALL_PX = 160
 """Columns in which pictures are compared. More asks for a zoom that is nearer and costs time for each that is tried;

@@ -9,10 +9,10 @@ from math import nan
 
 import numpy as np
 
-from appliance.core.path.fit import PathFit
-from appliance.core.path.noise import Noise
-from appliance.core.path.samples import PathSamples
-from appliance.types import Calibration, Check, Fault, VerdictKind
+from probewatch.appliance.core.path.fit import PathFit
+from probewatch.appliance.core.path.noise import Noise
+from probewatch.appliance.core.path.samples import PathSamples
+from probewatch.appliance.types import Calibration, Check, Fault, VerdictKind
 
 REPORTS_FAULTS = (Fault.POLARITY,)
 

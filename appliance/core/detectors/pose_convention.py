@@ -6,11 +6,11 @@ searched for elsewhere (`appliance.core.path.explanation`) and named here.
 
 from collections.abc import Callable
 
-from appliance.core.detectors.detector import Detector
-from appliance.core.detectors.observation import Observation
-from appliance.core.path.conventions import READINGS, Convention
-from appliance.core.path.explanation import MARGIN, Explanation
-from appliance.types import Check, Fault, VerdictKind
+from probewatch.appliance.core.detectors.detector import Detector
+from probewatch.appliance.core.detectors.observation import Observation
+from probewatch.appliance.core.path.conventions import READINGS, Convention
+from probewatch.appliance.core.path.explanation import MARGIN, Explanation
+from probewatch.appliance.types import Check, Fault, VerdictKind
 
 REPORTS_FAULTS = (Fault.POSE_CONVENTION,)
 

@@ -12,18 +12,18 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from appliance.core.detectors.magnification import magnified, pressed_between
-from appliance.core.detectors.picture_change import PictureChange, lines_turned_by, stretch_of
-from appliance.core.detectors.picture_link import Link, View
-from appliance.core.detectors.stretch import carried, seen_in_both, stretch_between
-from appliance.core.motion import out_of_plane_mm, predicted_motion
-from appliance.core.registration.keyframe import compose, warp_matrix
-from appliance.core.registration.pyramid import Array32
-from appliance.core.registration.realtime_tracker import Warp
-from appliance.core.times import COMPARE_NS, SLOW_BREATH_NS, TREMOR_NS
-from appliance.types import Calibration
-from drivers.rigid import Array
-from drivers.samples import Matrix4
+from probewatch.appliance.core.detectors.magnification import magnified, pressed_between
+from probewatch.appliance.core.detectors.picture_change import PictureChange, lines_turned_by, stretch_of
+from probewatch.appliance.core.detectors.picture_link import Link, View
+from probewatch.appliance.core.detectors.stretch import carried, seen_in_both, stretch_between
+from probewatch.appliance.core.motion import out_of_plane_mm, predicted_motion
+from probewatch.appliance.core.registration.keyframe import compose, warp_matrix
+from probewatch.appliance.core.registration.pyramid import Array32
+from probewatch.appliance.core.registration.realtime_tracker import Warp
+from probewatch.appliance.core.times import COMPARE_NS, SLOW_BREATH_NS, TREMOR_NS
+from probewatch.appliance.types import Calibration
+from probewatch.drivers.rigid import Array
+from probewatch.drivers.samples import Matrix4
 
 _STILL_MM, _STILL_IN_PLANE_MM = 0.5, 2.0
 """Way out of the plane, and along an axis in it, up to which the probe rests. More compares what no two pictures share,

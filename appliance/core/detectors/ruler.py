@@ -9,9 +9,9 @@ from math import sqrt
 import cv2
 import numpy as np
 
-from appliance.core.registration.pyramid import Array32, Bits
-from drivers.rigid import Array
-from drivers.samples import GreyImage
+from probewatch.appliance.core.registration.pyramid import Array32, Bits
+from probewatch.drivers.rigid import Array
+from probewatch.drivers.samples import GreyImage
 
 _THIN = np.ones((9, 1), np.uint8)
 """px: what is as high or higher is no tick. Ticks are 1 to 3 px, 5 behind a blurring grabber; letters are higher."""

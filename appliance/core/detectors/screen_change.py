@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.samples import GreyImage
+from probewatch.drivers.samples import GreyImage
 
 _STILL_GREY = 8
 """Change up to which a pixel has not moved. More takes dim tissue for screen; less takes a noisy screen for tissue."""

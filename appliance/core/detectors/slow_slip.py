@@ -9,12 +9,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from appliance.core.detectors.detector import Detector
-from appliance.core.detectors.observation import Observation
-from appliance.limits import Limits
-from appliance.types import Calibration, Check
-from drivers.rigid import Array, inverse, rigid, vector_from_rotation
-from drivers.samples import Matrix4
+from probewatch.appliance.core.detectors.detector import Detector
+from probewatch.appliance.core.detectors.observation import Observation
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.types import Calibration, Check
+from probewatch.drivers.rigid import Array, inverse, rigid, vector_from_rotation
+from probewatch.drivers.samples import Matrix4
 
 SLIPS_S = (0.5, 5.0)
 """Durations for which the line looks: a clamp that gives way to a push, and one that creeps. Not varied."""

@@ -12,13 +12,13 @@ from math import hypot, log, sqrt
 
 import numpy as np
 
-from appliance.core.detectors.body_slip import ALIKE, DENIED, LAGS_NS, SHIFT_NS, BodySlip
-from appliance.core.detectors.observation import Observation
-from appliance.core.times import MOST_APART_NS
-from appliance.limits import Limits
-from appliance.types import Calibration, Check
-from drivers.rigid import Array, inverse, vector_from_rotation
-from drivers.samples import Matrix4
+from probewatch.appliance.core.detectors.body_slip import ALIKE, DENIED, LAGS_NS, SHIFT_NS, BodySlip
+from probewatch.appliance.core.detectors.observation import Observation
+from probewatch.appliance.core.times import MOST_APART_NS
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.types import Calibration, Check
+from probewatch.drivers.rigid import Array, inverse, vector_from_rotation
+from probewatch.drivers.samples import Matrix4
 
 _WITHIN_NS = 2_000_000_000
 """From the first gap to the end of the last. Longer sees parts that come more seldom, and adds up more of what a hand

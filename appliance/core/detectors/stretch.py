@@ -9,10 +9,10 @@ from math import sqrt
 import cv2
 import numpy as np
 
-from appliance.core.registration.keyframe import warp_matrix
-from appliance.core.registration.pyramid import Array32
-from appliance.core.registration.realtime_tracker import Warp
-from drivers.rigid import Array
+from probewatch.appliance.core.registration.keyframe import warp_matrix
+from probewatch.appliance.core.registration.pyramid import Array32
+from probewatch.appliance.core.registration.realtime_tracker import Warp
+from probewatch.drivers.rigid import Array
 
 _SIDE_PX, _REACH_PX = 32, 10
 """px of a picture of 160 columns: side of a part, and how far it is looked for. A larger part is itself torn by a

@@ -11,11 +11,11 @@ from collections.abc import Callable
 
 import numpy as np
 
-from appliance.core.detectors.detector import Detector
-from appliance.core.detectors.observation import Observation
-from appliance.limits import Limits
-from appliance.types import Check, Fault, VerdictKind
-from drivers.rigid import (
+from probewatch.appliance.core.detectors.detector import Detector
+from probewatch.appliance.core.detectors.observation import Observation
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.types import Check, Fault, VerdictKind
+from probewatch.drivers.rigid import (
     Array,
     angle_from_rotation,
     nearest_rotation,
@@ -24,7 +24,7 @@ from drivers.rigid import (
     seen_from,
     vector_from_rotation,
 )
-from drivers.samples import Matrix4, Pose
+from probewatch.drivers.samples import Matrix4, Pose
 
 REPORTS_FAULTS = (Fault.MARKER_BODY_MOVED,)
 
@@ -33,7 +33,8 @@ LEARN_NS, LEARN_READINGS = 2_000_000_000, 20
 unseen, less adds the noise of the learning to all that follows."""
 WINDOW_NS, WINDOW_READINGS = 400_000_000, 8
 """Whose median is held against that, and readings that it has at least. A step is named when half of it is in the
-window, so longer names it later; less is noisier (`python -m tools.development.witness_law` has the figures)."""
+window, so longer names it later; less is noisier (`python -m probewatch.tools.development.witness_law` has the
+figures)."""
 _LONGEST_NS = 2_000_000_000
 """For which a window waits for its readings. More mixes what is seen now with what was seen before it was hidden."""
 LOOK_NS = 50_000_000

@@ -9,9 +9,9 @@ r: v must span 3 directions.
 
 import numpy as np
 
-from appliance.core.handeye.motions import HandEye, independent, rows_to_rotation, without_offset
-from appliance.core.handeye.sums import Sums
-from drivers.rigid import Array
+from probewatch.appliance.core.handeye.motions import HandEye, independent, rows_to_rotation, without_offset
+from probewatch.appliance.core.handeye.sums import Sums
+from probewatch.drivers.rigid import Array
 
 _SEPARATION = 3.0
 """Variance of the second-smallest direction ÷ that of the smallest, which is noise. Less lets noise choose the row

@@ -7,7 +7,7 @@ from itertools import product
 
 import numpy as np
 
-from drivers.rigid import Array, angle_from_rotation, inverse, rigid, rotation_from_vector
+from probewatch.drivers.rigid import Array, angle_from_rotation, inverse, rigid, rotation_from_vector
 
 _LEAST_RATIO = 1e-6
 """Smallest singular value, as a share of the largest, at which a direction still counts as moved."""

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drivers.rigid import Array
+from probewatch.drivers.rigid import Array
 
 _SHOWN = 1.0
 

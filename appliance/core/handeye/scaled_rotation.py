@@ -10,9 +10,9 @@ from typing import Literal
 
 import numpy as np
 
-from appliance.core.handeye.motions import HandEye, independent, rows_to_rotation, without_offset
-from appliance.core.handeye.sums import Sums
-from drivers.rigid import Array, nearest_rotation
+from probewatch.appliance.core.handeye.motions import HandEye, independent, rows_to_rotation, without_offset
+from probewatch.appliance.core.handeye.sums import Sums
+from probewatch.drivers.rigid import Array, nearest_rotation
 
 
 def solve_scaled_rotation(u: Array, v: Array, factor: Literal["qr", "polar"] = "polar") -> HandEye:

@@ -12,14 +12,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from appliance.core.handeye.freehand import freehand
-from appliance.core.handeye.motions import HandEye, Motions, nearest_polarity
-from appliance.core.handeye.scaled_rotation import scaled_rotation
-from appliance.core.handeye.sums import Sums
-from appliance.core.path.samples import PathSamples
-from appliance.core.registration.keyframe import warp_matrix
-from appliance.types import Calibration
-from drivers.rigid import Array, vector_from_rotation
+from probewatch.appliance.core.handeye.freehand import freehand
+from probewatch.appliance.core.handeye.motions import HandEye, Motions, nearest_polarity
+from probewatch.appliance.core.handeye.scaled_rotation import scaled_rotation
+from probewatch.appliance.core.handeye.sums import Sums
+from probewatch.appliance.core.path.samples import PathSamples
+from probewatch.appliance.core.registration.keyframe import warp_matrix
+from probewatch.appliance.types import Calibration
+from probewatch.drivers.rigid import Array, vector_from_rotation
 
 _STEP_S = 0.7
 """Long steps drown least in tracker noise, which these forms do not model; longer ones are fewer, and leave the chain

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drivers.rigid import Array, skew
+from probewatch.drivers.rigid import Array, skew
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dpotrf
 
-from appliance.core.times import QUIET_BREATH_S
-from drivers.rigid import Array
+from probewatch.appliance.core.times import QUIET_BREATH_S
+from probewatch.drivers.rigid import Array
 
 _BLOCK_S, _MOST_BLOCKS = 0.1, 200
 """Pictures of one chain within this time count as one, at their mean. Longer loses the quick part of a tremor, which

@@ -14,9 +14,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from appliance.core.path.blocks import Blocks
-from appliance.core.path.noise import Habit
-from drivers.rigid import Array
+from probewatch.appliance.core.path.blocks import Blocks
+from probewatch.appliance.core.path.noise import Habit
+from probewatch.drivers.rigid import Array
 
 _LEAST_BREATHS = 2
 """Whole ones. Fewer do not separate a shape from their own lengths and depths."""

@@ -6,7 +6,14 @@ from itertools import permutations, product
 
 import numpy as np
 
-from drivers.rigid import Array, angle_from_rotation, inverse, quaternion_from_rotation, rigid, rotation_from_quaternion
+from probewatch.drivers.rigid import (
+    Array,
+    angle_from_rotation,
+    inverse,
+    quaternion_from_rotation,
+    rigid,
+    rotation_from_quaternion,
+)
 
 
 class Convention(StrEnum):

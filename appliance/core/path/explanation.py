@@ -11,13 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from appliance.core.path.conventions import READINGS, Convention, turned_sensors
-from appliance.core.path.latency import MEMORY_S
-from appliance.core.path.steps import SensorSteps, picture_steps
-from appliance.core.path.window import PathWindow
-from appliance.core.spread_work import CONVENTIONS, LAG, LAGS, Steps
-from appliance.types import Calibration
-from drivers.rigid import Array
+from probewatch.appliance.core.path.conventions import READINGS, Convention, turned_sensors
+from probewatch.appliance.core.path.latency import MEMORY_S
+from probewatch.appliance.core.path.steps import SensorSteps, picture_steps
+from probewatch.appliance.core.path.window import PathWindow
+from probewatch.appliance.core.spread_work import CONVENTIONS, LAG, LAGS, Steps
+from probewatch.appliance.types import Calibration
+from probewatch.drivers.rigid import Array
 
 _GRID_S = 0.025
 """Between two lags; a parabola finds the best between them. Coarser than 40 ms jumps over the lag of an 8 Hz tremor."""

@@ -5,13 +5,13 @@ from math import isnan, nan
 
 import numpy as np
 
-from appliance.core.path.blocks import AGREEMENT_LAG_S, AXIAL, BREATHING, LATERAL, TRACKER
-from appliance.core.path.huber import huber_cost
-from appliance.core.path.noise import LearnedNoise, Noise
-from appliance.core.path.residual import NOTHING, VALUE, PathResidual
-from appliance.core.path.samples import PathSamples
-from appliance.types import Calibration
-from drivers.rigid import Array
+from probewatch.appliance.core.path.blocks import AGREEMENT_LAG_S, AXIAL, BREATHING, LATERAL, TRACKER
+from probewatch.appliance.core.path.huber import huber_cost
+from probewatch.appliance.core.path.noise import LearnedNoise, Noise
+from probewatch.appliance.core.path.residual import NOTHING, VALUE, PathResidual
+from probewatch.appliance.core.path.samples import PathSamples
+from probewatch.appliance.types import Calibration
+from probewatch.drivers.rigid import Array
 
 _SHORT_LAG_S = 0.2
 """Over which the paths are compared in motion too short for the usual half second: two blocks. Longer shows a polarity

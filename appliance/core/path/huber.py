@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from drivers.rigid import Array
+from probewatch.drivers.rigid import Array
 
 HUBER = 2.0
 """Standard deviations from which an innovation counts less. More lets outliers draw X, less wastes good pictures; heavy

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.rigid import Array
+from probewatch.drivers.rigid import Array
 
 _GRID_S = 0.01
 """Between two lags: a parabola finds the minimum between them. Finer costs time, coarser than a third of a picture at

@@ -5,8 +5,8 @@ from math import hypot, sqrt
 
 import numpy as np
 
-from appliance.core.path.latency import Latency
-from appliance.core.times import CHANGE_WINDOW_NS
+from probewatch.appliance.core.path.latency import Latency
+from probewatch.appliance.core.times import CHANGE_WINDOW_NS
 
 _SPAN_NS, _LEAST_NS = 3 * CHANGE_WINDOW_NS // 2 + 250_000_000, 3 * CHANGE_WINDOW_NS // 2 - 250_000_000
 """Span of the estimates on the line, at most and at least; one comes each .33 s. Much below one and a half windows a

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dpotrf, dpotri, dpotrs, dtrtrs
 
-from appliance.core.path.blocks import BREATHING, MEMORY, PARTS, POSITIONS, PULSE, WHITE, Blocks
-from drivers.rigid import Array
+from probewatch.appliance.core.path.blocks import BREATHING, MEMORY, PARTS, POSITIONS, PULSE, WHITE, Blocks
+from probewatch.drivers.rigid import Array
 
 _LEFT = np.array([1.0, 0.04, 0.04, 0.04, 1.0, 0.002, 0.5])
 """Share of each part's variance that is left where breaths are followed, to begin with; it is learned from there. More

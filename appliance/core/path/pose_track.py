@@ -3,9 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from appliance.core.times import MOST_APART_NS
-from drivers.rigid import Array, quaternion_from_rotation, rigid, rotation_from_quaternion
-from drivers.samples import Matrix4
+from probewatch.appliance.core.times import MOST_APART_NS
+from probewatch.drivers.rigid import Array, quaternion_from_rotation, rigid, rotation_from_quaternion
+from probewatch.drivers.samples import Matrix4
 
 _MOST_NEW = 1000
 """Poses are turned into arrays when they are asked for, and unasked when there are so many."""

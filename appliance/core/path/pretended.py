@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from appliance.core.path.blocks import AXIAL, LATERAL, TRACKER, TURN
-from appliance.core.path.noise import LearnedNoise
-from appliance.core.path.residual import FOLLOW, ROTATION, SCALE
-from drivers.rigid import Array
+from probewatch.appliance.core.path.blocks import AXIAL, LATERAL, TRACKER, TURN
+from probewatch.appliance.core.path.noise import LearnedNoise
+from probewatch.appliance.core.path.residual import FOLLOW, ROTATION, SCALE
+from probewatch.drivers.rigid import Array
 
 _RISES = 2.0
 """How far the information on an offset must exceed what noise pretends before that is taken off: nearer to it, the

@@ -13,11 +13,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from appliance.core.path.blocks import LATERAL, TURN
-from appliance.core.path.samples import PathSamples
-from appliance.core.path.steps import picture_steps, products_and_slopes
-from appliance.types import Calibration
-from drivers.rigid import Array, ComplexArray, rotation_from_vector
+from probewatch.appliance.core.path.blocks import LATERAL, TURN
+from probewatch.appliance.core.path.samples import PathSamples
+from probewatch.appliance.core.path.steps import picture_steps, products_and_slopes
+from probewatch.appliance.types import Calibration
+from probewatch.drivers.rigid import Array, ComplexArray, rotation_from_vector
 
 ROTATION, SCALE, OFFSET, TAU, FOLLOW, TILT = slice(0, 3), slice(3, 5), slice(5, 8), 8, 9, slice(10, 12)
 """Parts of θ (12,): change of the reference in the order of PARAMETERS, the latency, s, and of the tissue, beside what

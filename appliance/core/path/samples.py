@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from appliance.core.path.blocks import Blocks
-from appliance.core.path.steps import SensorSteps
-from drivers.rigid import Array
+from probewatch.appliance.core.path.blocks import Blocks
+from probewatch.appliance.core.path.steps import SensorSteps
+from probewatch.drivers.rigid import Array
 
 _LEAST_CHAIN = 4
 _LEAST_PICTURES = 8

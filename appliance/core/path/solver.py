@@ -12,13 +12,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from appliance.core.path.blocks import AXIAL, LATERAL, PARTS, POSITIONS
-from appliance.core.path.breaths import Breaths
-from appliance.core.path.fit import agreement
-from appliance.core.path.huber import HUBER, HUBER_SHARE, huber_cost
-from appliance.core.path.noise import Habit, LearnedNoise, Noise
-from appliance.core.path.pretended import Pretended
-from appliance.core.path.residual import (
+from probewatch.appliance.core.path.blocks import AXIAL, LATERAL, PARTS, POSITIONS
+from probewatch.appliance.core.path.breaths import Breaths
+from probewatch.appliance.core.path.fit import agreement
+from probewatch.appliance.core.path.huber import HUBER, HUBER_SHARE, huber_cost
+from probewatch.appliance.core.path.noise import Habit, LearnedNoise, Noise
+from probewatch.appliance.core.path.pretended import Pretended
+from probewatch.appliance.core.path.residual import (
     FOLLOW,
     LEAST_TRAVEL_MM,
     NOTHING,
@@ -29,11 +29,11 @@ from appliance.core.path.residual import (
     Lack,
     PathResidual,
 )
-from appliance.core.path.samples import PathSamples
-from appliance.core.spread_work import RESIDUAL, ROUND, Steps, run_to_end
-from appliance.core.times import QUIET_BREATH_S
-from appliance.types import Calibration
-from drivers.rigid import Array
+from probewatch.appliance.core.path.samples import PathSamples
+from probewatch.appliance.core.spread_work import RESIDUAL, ROUND, Steps, run_to_end
+from probewatch.appliance.core.times import QUIET_BREATH_S
+from probewatch.appliance.types import Calibration
+from probewatch.drivers.rigid import Array
 
 _ROUNDS, _ROUNDS_ON = 12, 3
 """Rounds of estimate and noise by turns: from nothing, and from the noise of a window that shares most of the

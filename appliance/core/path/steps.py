@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from appliance.types import Calibration
-from drivers.rigid import Array, inverse, skew
+from probewatch.appliance.types import Calibration
+from probewatch.drivers.rigid import Array, inverse, skew
 
 _GENERATORS = skew(np.eye(3))
 """(3, 3, 3): [e]× of each axis."""

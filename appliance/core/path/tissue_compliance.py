@@ -5,11 +5,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from appliance.core.path.residual import LEAST_TURN_RAD
-from appliance.core.path.steps import SensorSteps, picture_steps
-from appliance.limits import Limits
-from appliance.types import DRAGS, PRESSES, Calibration, Motion
-from drivers.rigid import Array
+from probewatch.appliance.core.path.residual import LEAST_TURN_RAD
+from probewatch.appliance.core.path.steps import SensorSteps, picture_steps
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.types import DRAGS, PRESSES, Calibration, Motion
+from probewatch.drivers.rigid import Array
 
 _TILT = 0.08
 """By how much the share of a turn that ∂u_y/∂x shows is from 1 at most, two sigmas included, for tissue that follows no

@@ -7,14 +7,14 @@ from collections import deque
 import numpy as np
 from numpy.typing import NDArray
 
-from appliance.core.path.latency import Latency, estimate_latency, far_latency
-from appliance.core.path.pose_track import PoseTrack
-from appliance.core.path.samples import PathSamples
-from appliance.core.path.steps import predicted_path
-from appliance.core.path.tissue_compliance import TissueMotion, possible_tissue_motion
-from appliance.core.times import SWEEP_WINDOW_NS
-from appliance.types import DRAGS, PRESSES, Calibration, Motion
-from drivers.rigid import Array, ComplexArray, rigid, rotation_from_quaternion
+from probewatch.appliance.core.path.latency import Latency, estimate_latency, far_latency
+from probewatch.appliance.core.path.pose_track import PoseTrack
+from probewatch.appliance.core.path.samples import PathSamples
+from probewatch.appliance.core.path.steps import predicted_path
+from probewatch.appliance.core.path.tissue_compliance import TissueMotion, possible_tissue_motion
+from probewatch.appliance.core.times import SWEEP_WINDOW_NS
+from probewatch.appliance.types import DRAGS, PRESSES, Calibration, Motion
+from probewatch.drivers.rigid import Array, ComplexArray, rigid, rotation_from_quaternion
 
 _APART_S = 0.1
 """Between the poses that the velocity comes from. Shorter than some pose periods, tracker noise drowns it; longer, the

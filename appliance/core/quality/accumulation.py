@@ -16,8 +16,8 @@ from math import sqrt
 
 import numpy as np
 
-from appliance.core.quality.trend import Estimate
-from drivers.rigid import Array
+from probewatch.appliance.core.quality.trend import Estimate
+from probewatch.drivers.rigid import Array
 
 _APART_S = 1800.0
 """Between two estimates of different examinations. Less takes a pause for another patient, and so what both leave out

@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from appliance.core.parameters import LEFT_OUT
-from appliance.core.path.huber import HUBER, HUBER_SHARE, huber_cost
-from appliance.core.path.residual import TAU
-from drivers.rigid import Array
+from probewatch.appliance.core.parameters import LEFT_OUT
+from probewatch.appliance.core.path.huber import HUBER, HUBER_SHARE, huber_cost
+from probewatch.appliance.core.path.residual import TAU
+from probewatch.drivers.rigid import Array
 
 INFLATED = 1.3**2
 """Factor of every variance: tails that are heavier than the model's. In simulations t₅ tails ended a promise of 1e5

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from appliance.limits import Limits
-from appliance.types import Calibration
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.types import Calibration
 
 
 @dataclass(frozen=True, slots=True)

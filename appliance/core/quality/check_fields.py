@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from math import ceil, isfinite
 from typing import Any
 
-from appliance.limits import Limits, Region
-from appliance.types import POINT_ACROSS, Check, PointError, Rival
+from probewatch.appliance.limits import Limits, Region
+from probewatch.appliance.types import POINT_ACROSS, Check, PointError, Rival
 
 
 def check_fields(now_ns: int, check: Check) -> dict[str, Any]:

@@ -3,12 +3,12 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-from appliance.core.parameters import BREATHED
-from appliance.core.quality.examination import Finding, latency_of, without
-from appliance.core.quality.sequential_test import Accusation
-from appliance.core.times import CHANGE_WINDOW_NS
-from appliance.limits import Limits
-from appliance.types import PARAMETERS, Check, VerdictKind
+from probewatch.appliance.core.parameters import BREATHED
+from probewatch.appliance.core.quality.examination import Finding, latency_of, without
+from probewatch.appliance.core.quality.sequential_test import Accusation
+from probewatch.appliance.core.times import CHANGE_WINDOW_NS
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.types import PARAMETERS, Check, VerdictKind
 
 _AS_IT_WAS = 0.5
 """Share of its limit by which what is wrong may move and is no other change: two to three sigmas of a short window in

@@ -4,13 +4,13 @@ calibration.
 
 from dataclasses import replace
 
-from appliance.core.detectors.polarity import obvious_flip
-from appliance.core.parameters import BREATHED
-from appliance.core.path.explanation import Explanation
-from appliance.core.path.residual import Lack
-from appliance.core.path.solver import Follow
-from appliance.core.path.window import PathWindow
-from appliance.core.quality.confirmation import (
+from probewatch.appliance.core.detectors.polarity import obvious_flip
+from probewatch.appliance.core.parameters import BREATHED
+from probewatch.appliance.core.path.explanation import Explanation
+from probewatch.appliance.core.path.residual import Lack
+from probewatch.appliance.core.path.solver import Follow
+from probewatch.appliance.core.path.window import PathWindow
+from probewatch.appliance.core.quality.confirmation import (
     Memory,
     Solved,
     decidable,
@@ -19,20 +19,20 @@ from appliance.core.quality.confirmation import (
     since_change,
     with_accusation,
 )
-from appliance.core.quality.examination import Finding, examine_nothing, lag_known, latency_of, without
-from appliance.core.quality.examiner import Examiner
-from appliance.core.quality.field_distortion import FieldDistortion
-from appliance.core.quality.point_watch import PointWatch
-from appliance.core.quality.resets import Cause, Effect, Reset, State, reset
-from appliance.core.quality.sequential_test import WINDOW_NS, Accusation, accuse
-from appliance.core.quality.stationary_time import StationaryTime
-from appliance.core.quality.undecided import Choice, undecided
-from appliance.core.quality.verification import Verification, VerificationStatus
-from appliance.core.quality.whole_session import WholeSession, whole_session
-from appliance.core.spread_work import SpreadWork, Steps
-from appliance.core.times import CHANGE_WINDOW_NS, PRESENT_NS, SELDOM_NS, SWEEP_WINDOW_NS
-from appliance.limits import NAMED_NATS, Limits
-from appliance.types import Calibration, Check, Fault, VerdictKind
+from probewatch.appliance.core.quality.examination import Finding, examine_nothing, lag_known, latency_of, without
+from probewatch.appliance.core.quality.examiner import Examiner
+from probewatch.appliance.core.quality.field_distortion import FieldDistortion
+from probewatch.appliance.core.quality.point_watch import PointWatch
+from probewatch.appliance.core.quality.resets import Cause, Effect, Reset, State, reset
+from probewatch.appliance.core.quality.sequential_test import WINDOW_NS, Accusation, accuse
+from probewatch.appliance.core.quality.stationary_time import StationaryTime
+from probewatch.appliance.core.quality.undecided import Choice, undecided
+from probewatch.appliance.core.quality.verification import Verification, VerificationStatus
+from probewatch.appliance.core.quality.whole_session import WholeSession, whole_session
+from probewatch.appliance.core.spread_work import SpreadWork, Steps
+from probewatch.appliance.core.times import CHANGE_WINDOW_NS, PRESENT_NS, SELDOM_NS, SWEEP_WINDOW_NS
+from probewatch.appliance.limits import NAMED_NATS, Limits
+from probewatch.appliance.types import Calibration, Check, Fault, VerdictKind
 
 _OBVIOUS_FLIP_NS = 2_000_000_000
 """Length of the window up to which each picture is looked at for an obvious flip, 1 ms: a solution finds it by then."""

@@ -6,19 +6,24 @@ from math import sqrt
 
 import numpy as np
 
-from appliance.core.detectors.calibration_change import agreement_check, calibration_checks, latency_check, trusted
-from appliance.core.detectors.polarity import UNWEIGHED, flipped, weigh_polarity
-from appliance.core.parameters import LEFT_OUT, limit_of_each
-from appliance.core.path.fit import PathFit
-from appliance.core.path.latency import Latency
-from appliance.core.path.noise import Noise
-from appliance.core.path.residual import TAU
-from appliance.core.path.solver import Prior, Solution, solving
-from appliance.core.path.window import PathWindow
-from appliance.core.spread_work import LATENCY, MISFIT, POLARITY, SAMPLES, Steps, run_to_end
-from appliance.limits import Limits
-from appliance.types import Calibration, Check, Fault, VerdictKind
-from drivers.rigid import Array
+from probewatch.appliance.core.detectors.calibration_change import (
+    agreement_check,
+    calibration_checks,
+    latency_check,
+    trusted,
+)
+from probewatch.appliance.core.detectors.polarity import UNWEIGHED, flipped, weigh_polarity
+from probewatch.appliance.core.parameters import LEFT_OUT, limit_of_each
+from probewatch.appliance.core.path.fit import PathFit
+from probewatch.appliance.core.path.latency import Latency
+from probewatch.appliance.core.path.noise import Noise
+from probewatch.appliance.core.path.residual import TAU
+from probewatch.appliance.core.path.solver import Prior, Solution, solving
+from probewatch.appliance.core.path.window import PathWindow
+from probewatch.appliance.core.spread_work import LATENCY, MISFIT, POLARITY, SAMPLES, Steps, run_to_end
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.types import Calibration, Check, Fault, VerdictKind
+from probewatch.drivers.rigid import Array
 
 _UNKNOWN_LATENCY_S = 0.05
 """Standard deviation of a latency that the paths alone do not show. More lets scales hide in it, less lets it hide in

@@ -2,20 +2,20 @@
 latency.
 """
 
-from appliance.core.detectors.calibration_change import latency_check
-from appliance.core.parameters import BREATHED
-from appliance.core.path.conventions import Convention
-from appliance.core.path.explanation import Explanation, explain, recent_lag
-from appliance.core.path.latency import Latency
-from appliance.core.path.latency_drift import LatencyDrift
-from appliance.core.path.noise import Noise
-from appliance.core.path.window import PathWindow
-from appliance.core.quality.examination import Finding, agreed, examining, latency_of, without
-from appliance.core.quality.noise_memory import NoiseMemory
-from appliance.core.spread_work import Steps
-from appliance.core.times import SELDOM_NS
-from appliance.limits import Limits
-from appliance.types import Calibration, Fault, VerdictKind
+from probewatch.appliance.core.detectors.calibration_change import latency_check
+from probewatch.appliance.core.parameters import BREATHED
+from probewatch.appliance.core.path.conventions import Convention
+from probewatch.appliance.core.path.explanation import Explanation, explain, recent_lag
+from probewatch.appliance.core.path.latency import Latency
+from probewatch.appliance.core.path.latency_drift import LatencyDrift
+from probewatch.appliance.core.path.noise import Noise
+from probewatch.appliance.core.path.window import PathWindow
+from probewatch.appliance.core.quality.examination import Finding, agreed, examining, latency_of, without
+from probewatch.appliance.core.quality.noise_memory import NoiseMemory
+from probewatch.appliance.core.spread_work import Steps
+from probewatch.appliance.core.times import SELDOM_NS
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.types import Calibration, Fault, VerdictKind
 
 _EXPLAINED_NS = 6_000_000_000
 """Motion in which is looked for what explains it where the reference does not: each search takes 2 ms, 7 ms where not

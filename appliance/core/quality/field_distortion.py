@@ -10,14 +10,14 @@ calibration explains (docs/method.md, section 10).
 import numpy as np
 from scipy.linalg import block_diag
 
-from appliance.core.quality.bounded_fit import ANYTHING, Fit, anywhere, exact, fitted, spread
-from appliance.core.quality.innovations import Innovations
-from appliance.core.quality.verification import Contradiction
-from appliance.core.spread_work import TRIAL, Steps
-from appliance.core.times import HELD_NS, SELDOM_NS
-from appliance.limits import WITHDRAWN_NATS
-from appliance.types import Check, Fault, VerdictKind
-from drivers.rigid import Array
+from probewatch.appliance.core.quality.bounded_fit import ANYTHING, Fit, anywhere, exact, fitted, spread
+from probewatch.appliance.core.quality.innovations import Innovations
+from probewatch.appliance.core.quality.verification import Contradiction
+from probewatch.appliance.core.spread_work import TRIAL, Steps
+from probewatch.appliance.core.times import HELD_NS, SELDOM_NS
+from probewatch.appliance.limits import WITHDRAWN_NATS
+from probewatch.appliance.types import Check, Fault, VerdictKind
+from probewatch.drivers.rigid import Array
 
 REPORTS_FAULTS = (Fault.FIELD_DISTORTION,)
 

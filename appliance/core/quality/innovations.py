@@ -7,14 +7,14 @@ the sequential test.
 import numpy as np
 from scipy.linalg.lapack import dpotrf, dtrtri
 
-from appliance.core.path.blocks import AXIAL, BREATHING, LATERAL
-from appliance.core.path.huber import HUBER
-from appliance.core.path.noise import Noise, covariances
-from appliance.core.path.residual import NOTHING, SCALE, TAU, VALUE, PathResidual
-from appliance.core.path.window import PathWindow
-from appliance.core.quality.bounded_fit import ANYTHING, INFLATED, VALUE_ROW
-from appliance.types import Calibration
-from drivers.rigid import Array
+from probewatch.appliance.core.path.blocks import AXIAL, BREATHING, LATERAL
+from probewatch.appliance.core.path.huber import HUBER
+from probewatch.appliance.core.path.noise import Noise, covariances
+from probewatch.appliance.core.path.residual import NOTHING, SCALE, TAU, VALUE, PathResidual
+from probewatch.appliance.core.path.window import PathWindow
+from probewatch.appliance.core.quality.bounded_fit import ANYTHING, INFLATED, VALUE_ROW
+from probewatch.appliance.types import Calibration
+from probewatch.drivers.rigid import Array
 
 
 class Innovations:

@@ -4,11 +4,11 @@ from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import replace
 
-from appliance.core.path.residual import Lack
-from appliance.core.quality.check_fields import up_to
-from appliance.core.quality.gesture import gestures
-from appliance.core.quality.verification import Contradiction, VerificationStatus
-from appliance.types import PARAMETERS, Check, Fault, Kind, PointError, Rival, Verdict, VerdictKind
+from probewatch.appliance.core.path.residual import Lack
+from probewatch.appliance.core.quality.check_fields import up_to
+from probewatch.appliance.core.quality.gesture import gestures
+from probewatch.appliance.core.quality.verification import Contradiction, VerificationStatus
+from probewatch.appliance.types import PARAMETERS, Check, Fault, Kind, PointError, Rival, Verdict, VerdictKind
 
 _ESTIMATED = frozenset({"polarity", "latency", *PARAMETERS})
 _NEAR = 0.8

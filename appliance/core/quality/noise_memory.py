@@ -3,10 +3,10 @@
 from collections import deque
 from dataclasses import replace
 
-from appliance.core.path.noise import Noise
-from appliance.core.path.window import PathWindow
-from appliance.core.quality.sequential_test import WINDOW_NS
-from appliance.core.times import PRESENT_NS, QUIET_BREATH_S
+from probewatch.appliance.core.path.noise import Noise
+from probewatch.appliance.core.path.window import PathWindow
+from probewatch.appliance.core.quality.sequential_test import WINDOW_NS
+from probewatch.appliance.core.times import PRESENT_NS, QUIET_BREATH_S
 
 _BREATHS_NS = round(2 * QUIET_BREATH_S * 1e9)
 """Noise learned from less may know nothing of breaths. Begun with it, a solution drew the axial scale to −40 % five

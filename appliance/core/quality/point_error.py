@@ -11,12 +11,12 @@ from math import isfinite
 import numpy as np
 from scipy.special import gammaincinv
 
-from appliance.core.parameters import MEASURED, PER_UNIT
-from appliance.core.path.residual import OFFSET, ROTATION
-from appliance.core.quality.examination import Finding
-from appliance.limits import Limits, Region
-from appliance.types import POINT_ACROSS, POINT_LEVELS, Calibration, Fault, PointError, VerdictKind
-from drivers.rigid import Array, skew
+from probewatch.appliance.core.parameters import MEASURED, PER_UNIT
+from probewatch.appliance.core.path.residual import OFFSET, ROTATION
+from probewatch.appliance.core.quality.examination import Finding
+from probewatch.appliance.limits import Limits, Region
+from probewatch.appliance.types import POINT_ACROSS, POINT_LEVELS, Calibration, Fault, PointError, VerdictKind
+from probewatch.drivers.rigid import Array, skew
 
 
 @dataclass(frozen=True, slots=True, eq=False)

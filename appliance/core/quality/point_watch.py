@@ -6,14 +6,14 @@ from math import hypot
 
 import numpy as np
 
-from appliance.core.parameters import LEFT_OUT, MEASURED
-from appliance.core.quality.examination import Finding
-from appliance.core.quality.point_error import Bounds, Change, Places, bounds_at, change_of, slope_of_places
-from appliance.core.quality.verification import VerificationStatus
-from appliance.limits import GESTURE_AGE_S, Limits
-from appliance.types import PARAMETERS, Calibration, Check, Fault, PointError
-from drivers.rigid import Array, inverse, rigid
-from drivers.samples import Matrix4
+from probewatch.appliance.core.parameters import LEFT_OUT, MEASURED
+from probewatch.appliance.core.quality.examination import Finding
+from probewatch.appliance.core.quality.point_error import Bounds, Change, Places, bounds_at, change_of, slope_of_places
+from probewatch.appliance.core.quality.verification import VerificationStatus
+from probewatch.appliance.limits import GESTURE_AGE_S, Limits
+from probewatch.appliance.types import PARAMETERS, Calibration, Check, Fault, PointError
+from probewatch.drivers.rigid import Array, inverse, rigid
+from probewatch.drivers.samples import Matrix4
 
 _OVER_NS = 100_000_000
 """Over which the speed is taken: with .1 mm of noise it is known to 1.4 mm/s. Longer shows a jerk late and less of it,

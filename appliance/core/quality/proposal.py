@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from appliance.core.parameters import MEASURED, PER_UNIT, QUANTITIES
-from appliance.types import PARAMETERS, Calibration, Check, Fault, VerdictKind
+from probewatch.appliance.core.parameters import MEASURED, PER_UNIT, QUANTITIES
+from probewatch.appliance.types import PARAMETERS, Calibration, Check, Fault, VerdictKind
 
 RECOVERED = frozenset({*PARAMETERS[:3], "offset-lateral", "offset-axial"})
 """Parameters of X that motion recovers without a phantom."""

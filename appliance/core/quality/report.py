@@ -7,14 +7,20 @@ from typing import Any
 
 import numpy as np
 
-from appliance.core.handeye.observability import observability
-from appliance.core.handeye.second_opinion import SecondOpinion
-from appliance.core.path.solver import Follow
-from appliance.core.quality.check_fields import check_fields, limits_fields, number_or_none, point_fields, rival_fields
-from appliance.core.quality.proposal import Proposal, proposal_fields
-from appliance.limits import Limits
-from appliance.types import PARAMETERS, Calibration, Check, Fault, State, Verdict, VerdictKind
-from drivers.rigid import vector_from_rotation
+from probewatch.appliance.core.handeye.observability import observability
+from probewatch.appliance.core.handeye.second_opinion import SecondOpinion
+from probewatch.appliance.core.path.solver import Follow
+from probewatch.appliance.core.quality.check_fields import (
+    check_fields,
+    limits_fields,
+    number_or_none,
+    point_fields,
+    rival_fields,
+)
+from probewatch.appliance.core.quality.proposal import Proposal, proposal_fields
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.types import PARAMETERS, Calibration, Check, Fault, State, Verdict, VerdictKind
+from probewatch.drivers.rigid import vector_from_rotation
 
 VERSION = 1
 

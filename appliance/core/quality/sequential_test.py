@@ -10,14 +10,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from appliance.core.detectors.calibration_change import dragged
-from appliance.core.parameters import MEASURED, PER_UNIT, QUANTITIES, limit_of_each, named_from
-from appliance.core.path.blocks import AXIAL, BREATHING, LATERAL
-from appliance.core.path.huber import huber_cost
-from appliance.core.path.noise import Noise
-from appliance.core.path.residual import OFFSET, ROTATION, SCALE, TAU
-from appliance.core.path.window import PathWindow
-from appliance.core.quality.bounded_fit import (
+from probewatch.appliance.core.detectors.calibration_change import dragged
+from probewatch.appliance.core.parameters import MEASURED, PER_UNIT, QUANTITIES, limit_of_each, named_from
+from probewatch.appliance.core.path.blocks import AXIAL, BREATHING, LATERAL
+from probewatch.appliance.core.path.huber import huber_cost
+from probewatch.appliance.core.path.noise import Noise
+from probewatch.appliance.core.path.residual import OFFSET, ROTATION, SCALE, TAU
+from probewatch.appliance.core.path.window import PathWindow
+from probewatch.appliance.core.quality.bounded_fit import (
     ANYTHING,
     BEYOND,
     DRIFT,
@@ -28,13 +28,13 @@ from appliance.core.quality.bounded_fit import (
     fitted,
     spread,
 )
-from appliance.core.quality.field_distortion import distortion_nats
-from appliance.core.quality.innovations import Innovations
-from appliance.core.spread_work import INNOVATIONS, TRIAL, Steps
-from appliance.core.times import PRESENT_NS
-from appliance.limits import NAMED_NATS, WITHDRAWN_NATS, Limits
-from appliance.types import Calibration, Check, Fault, Rival, VerdictKind
-from drivers.rigid import Array
+from probewatch.appliance.core.quality.field_distortion import distortion_nats
+from probewatch.appliance.core.quality.innovations import Innovations
+from probewatch.appliance.core.spread_work import INNOVATIONS, TRIAL, Steps
+from probewatch.appliance.core.times import PRESENT_NS
+from probewatch.appliance.limits import NAMED_NATS, WITHDRAWN_NATS, Limits
+from probewatch.appliance.types import Calibration, Check, Fault, Rival, VerdictKind
+from probewatch.drivers.rigid import Array
 
 REPORTS_FAULTS = (Fault.ROTATION, Fault.SCALE, Fault.OFFSET, Fault.LATENCY)
 

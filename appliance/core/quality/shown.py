@@ -2,8 +2,8 @@
 
 from enum import Enum
 
-from appliance.core.times import PRESENT_NS
-from appliance.types import Check, VerdictKind
+from probewatch.appliance.core.times import PRESENT_NS
+from probewatch.appliance.types import Check, VerdictKind
 
 
 class Shown(Enum):

@@ -1,6 +1,6 @@
 """Decides when the next solution begins, and how much of it each picture runs. Pure."""
 
-from appliance.core.quality.evidence import Evidence
+from probewatch.appliance.core.quality.evidence import Evidence
 
 _SOLVE_EVERY_NS = 330_000_000
 """Between two solutions of the window. A fault is named by two in a row, so longer names it later; shorter costs the

@@ -17,13 +17,13 @@ from typing import Protocol
 
 import numpy as np
 
-from appliance.core.motion import predicted_motion
-from appliance.core.registration.keyframe import Registration
-from appliance.core.times import COMPARE_NS, SLOW_BREATH_NS, TREMOR_NS
-from appliance.limits import Limits
-from appliance.types import Calibration
-from drivers.rigid import Array
-from drivers.samples import Matrix4
+from probewatch.appliance.core.motion import predicted_motion
+from probewatch.appliance.core.registration.keyframe import Registration
+from probewatch.appliance.core.times import COMPARE_NS, SLOW_BREATH_NS, TREMOR_NS
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.types import Calibration
+from probewatch.drivers.rigid import Array
+from probewatch.drivers.samples import Matrix4
 
 _MOST = 0.25
 """Share of the limits of offset and rotation: how far from the anchor the probe rests, and how far tracker and picture

@@ -10,7 +10,7 @@ from math import inf, isfinite, sqrt
 
 import numpy as np
 
-from drivers.rigid import Array
+from probewatch.drivers.rigid import Array
 
 _WEIGHT = 0.2
 """Weight of the newest estimate. Less sees a slower drift and reports a step later: with .2 a shift of one sigma is

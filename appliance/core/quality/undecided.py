@@ -2,10 +2,10 @@
 
 from collections.abc import Set as AbstractSet
 
-from appliance.core.quality.sequential_test import Accusation
-from appliance.core.times import HELD_NS
-from appliance.limits import NAMED_NATS
-from appliance.types import Check, Fault, VerdictKind
+from probewatch.appliance.core.quality.sequential_test import Accusation
+from probewatch.appliance.core.times import HELD_NS
+from probewatch.appliance.limits import NAMED_NATS
+from probewatch.appliance.types import Check, Fault, VerdictKind
 
 REPORTS_FAULTS = (Fault.UNDECIDED,)
 

@@ -8,11 +8,11 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from math import isfinite
 
-from appliance.core.parameters import BREATHED
-from appliance.core.path.residual import Lack
-from appliance.core.quality.stationary_time import StationaryTime
-from appliance.limits import Limits
-from appliance.types import PARAMETERS, Check, Rival, VerdictKind
+from probewatch.appliance.core.parameters import BREATHED
+from probewatch.appliance.core.path.residual import Lack
+from probewatch.appliance.core.quality.stationary_time import StationaryTime
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.types import PARAMETERS, Check, Rival, VerdictKind
 
 _ROOM = 0.8
 """Share of its limit that a contradicted parameter must be shown within. More gives an OK to a fault that lies at its

@@ -3,12 +3,12 @@
 from dataclasses import dataclass
 from math import isnan
 
-from appliance.core.detectors.calibration_change import latency_check
-from appliance.core.handeye.second_opinion import SecondOpinion, second_opinion
-from appliance.core.path.window import PathWindow
-from appliance.core.quality.examination import Finding, examine, latency_of
-from appliance.limits import Limits
-from appliance.types import Calibration, Check
+from probewatch.appliance.core.detectors.calibration_change import latency_check
+from probewatch.appliance.core.handeye.second_opinion import SecondOpinion, second_opinion
+from probewatch.appliance.core.path.window import PathWindow
+from probewatch.appliance.core.quality.examination import Finding, examine, latency_of
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.types import Calibration, Check
 
 
 @dataclass(frozen=True, slots=True, eq=False)

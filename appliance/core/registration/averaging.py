@@ -15,8 +15,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from appliance.core.registration.pyramid import Array32, Bits
-from drivers.samples import GreyImage
+from probewatch.appliance.core.registration.pyramid import Array32, Bits
+from probewatch.drivers.samples import GreyImage
 
 _SPOTS = 12_000
 """Places at which pictures are compared. A likeness then errs by .015 (study, gesture, 400 × 300 px); time grows with

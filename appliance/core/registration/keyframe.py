@@ -17,12 +17,12 @@ from math import cos, sin
 import cv2
 import numpy as np
 
-from appliance.core.registration.points import Fit, Picture, Template
-from appliance.core.registration.pyramid import Bits, Level, Pyramid
-from appliance.core.registration.speckle import Speckle, coarse_speckle
-from appliance.core.registration.template import template
-from appliance.types import DRAGS, PRESSES
-from drivers.rigid import Array
+from probewatch.appliance.core.registration.points import Fit, Picture, Template
+from probewatch.appliance.core.registration.pyramid import Bits, Level, Pyramid
+from probewatch.appliance.core.registration.speckle import Speckle, coarse_speckle
+from probewatch.appliance.core.registration.template import template
+from probewatch.appliance.types import DRAGS, PRESSES
+from probewatch.drivers.rigid import Array
 
 _STEERING = {3: (1_500, 0.5), 1: (2_000, 0.2), 0: (3_000, 0.1)}
 """For each level that is used how many points steer, and the step in px after which the next level goes on."""

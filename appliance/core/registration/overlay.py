@@ -5,8 +5,8 @@ from collections import deque
 import cv2
 import numpy as np
 
-from appliance.core.registration.pyramid import Array32, Bits, Pyramid, half
-from drivers.samples import GreyImage
+from probewatch.appliance.core.registration.pyramid import Array32, Bits, Pyramid, half
+from probewatch.drivers.samples import GreyImage
 
 _LEAST_APART, _MOST_APART = 4, 24
 """Pictures between the two that are compared: at 30 Hz, .8 s at most. More waits for slower hands and keeps as many

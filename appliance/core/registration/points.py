@@ -7,9 +7,9 @@ from ctypes import POINTER, c_double, c_float, c_int32, c_void_p, sizeof
 import numpy as np
 from numpy.typing import NDArray
 
-from appliance.core.registration.compiled import LAYOUT, declared, unusable
-from appliance.core.registration.pyramid import Bits, Level
-from drivers.rigid import Array
+from probewatch.appliance.core.registration.compiled import LAYOUT, declared, unusable
+from probewatch.appliance.core.registration.pyramid import Bits, Level
+from probewatch.drivers.rigid import Array
 
 _PARTS = 5
 """Rows of `Picture.described`."""

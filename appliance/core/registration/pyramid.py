@@ -8,10 +8,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from appliance.core.acquisition.input_validation import refused_picture
-from appliance.core.registration.compiled import declared
-from drivers.rigid import Array
-from drivers.samples import GreyImage
+from probewatch.appliance.core.acquisition.input_validation import refused_picture
+from probewatch.appliance.core.registration.compiled import declared
+from probewatch.drivers.rigid import Array
+from probewatch.drivers.samples import GreyImage
 
 Array32 = NDArray[np.float32]
 Bits = NDArray[np.bool_]

@@ -4,13 +4,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from appliance.core.registration.keyframe import Keyframe, Registration, compose
-from appliance.core.registration.overlay import OverlayMask
-from appliance.core.registration.pyramid import Bits, Pyramid, pyramid
-from appliance.core.registration.shadow import Shadows
-from appliance.types import DRAGS, PRESSES, TissuePath
-from drivers.rigid import Array
-from drivers.samples import GreyImage
+from probewatch.appliance.core.registration.keyframe import Keyframe, Registration, compose
+from probewatch.appliance.core.registration.overlay import OverlayMask
+from probewatch.appliance.core.registration.pyramid import Bits, Pyramid, pyramid
+from probewatch.appliance.core.registration.shadow import Shadows
+from probewatch.appliance.types import DRAGS, PRESSES, TissuePath
+from probewatch.drivers.rigid import Array
+from probewatch.drivers.samples import GreyImage
 
 _LEAST_EVIDENCE, _LEAST_PEAK = 0.62, 0.08
 """Likeness plus twice its peak, and the peak. More refuses good registrations, which breaks the chain; less accepts

@@ -7,8 +7,8 @@ is a small piece apart. This takes in what the overlay mask calls static outside
 import cv2
 import numpy as np
 
-from appliance.core.registration.pyramid import Array32, Bits, half
-from drivers.samples import GreyImage
+from probewatch.appliance.core.registration.pyramid import Array32, Bits, half
+from probewatch.drivers.samples import GreyImage
 
 _APART = 6
 """Pictures between the two that are compared, .2 s at 30 Hz: a slow hand has moved by a grain of speckle."""

@@ -8,8 +8,8 @@ over two ribs, registration found .286°, and .14° where tissue may give way.
 import cv2
 import numpy as np
 
-from appliance.core.registration.pyramid import Bits, Level, Pyramid, mask_at
-from drivers.samples import GreyImage
+from probewatch.appliance.core.registration.pyramid import Bits, Level, Pyramid, mask_at
+from probewatch.drivers.samples import GreyImage
 
 _LEVEL = 2
 """Which is looked at, a quarter of the picture's size: speckle is still several px wide."""

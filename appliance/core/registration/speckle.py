@@ -7,7 +7,7 @@ in the filtered picture they are less so.
 import cv2
 import numpy as np
 
-from appliance.core.registration.pyramid import Array32, Bits, Level, Pyramid, mask_at
+from probewatch.appliance.core.registration.pyramid import Array32, Bits, Level, Pyramid, mask_at
 
 _COARSEST_WIDTHS, _FINEST_SIGMAS = 4, 95
 """The height of the picture ÷ the width, or ÷ sigma, of what counts as smooth."""

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from appliance.core.registration.points import Picture, Template
-from appliance.core.registration.pyramid import Bits, Level, mask_at
+from probewatch.appliance.core.registration.points import Picture, Template
+from probewatch.appliance.core.registration.pyramid import Bits, Level, mask_at
 
 _EDGE_PX = 2
 """A gradient looks 1 px to either side, and each pixel of the finest level is the sum of 3 × 3."""

@@ -16,8 +16,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from appliance.core.registration.pyramid import Array32, half
-from drivers.samples import GreyImage
+from probewatch.appliance.core.registration.pyramid import Array32, half
+from probewatch.drivers.samples import GreyImage
 
 # All lengths are pixels of the reduced picture, all figures per patch. They were measured on the pictures of
 # tests/appliance/core/detectors/test_no_picture.py, which are simulated but for those in water: no recording of tissue

@@ -3,14 +3,14 @@
 import json
 from pathlib import Path
 
-from appliance.service.control.refusal import why_silent
-from appliance.service.control.rights import join_group
-from appliance.service.control.server import VERSION, ControlRefused, Reply
-from appliance.service.control.starting import NoService, how_to_start
-from appliance.service.host.unix_socket import Lines, connected
-from drivers.closable import Closable
-from drivers.errors import ConfigurationError, DeviceLost, ProbewatchError
-from drivers.printable import printable_value
+from probewatch.appliance.service.control.refusal import why_silent
+from probewatch.appliance.service.control.rights import join_group
+from probewatch.appliance.service.control.server import VERSION, ControlRefused, Reply
+from probewatch.appliance.service.control.starting import NoService, how_to_start
+from probewatch.appliance.service.host.unix_socket import Lines, connected
+from probewatch.drivers.closable import Closable
+from probewatch.drivers.errors import ConfigurationError, DeviceLost, ProbewatchError
+from probewatch.drivers.printable import printable_value
 
 _LONGEST_REPLY = 1 << 20
 """Bytes. A status has some 20 kB; what is longer is no service, and takes memory."""

@@ -4,8 +4,8 @@ import threading
 from collections.abc import Callable
 from typing import TypeVar
 
-from appliance.service.control.server import ControlRefused
-from appliance.service.host.own_files import own_files
+from probewatch.appliance.service.control.server import ControlRefused
+from probewatch.appliance.service.host.own_files import own_files
 
 _LONGEST_S = 0.1
 """With a tick, less than the life of a command to an output."""

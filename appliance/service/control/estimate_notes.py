@@ -3,13 +3,13 @@
 from collections import defaultdict
 from dataclasses import dataclass, field
 
-from appliance.core.parameters import MEASURED, QUANTITIES, class_of
-from appliance.core.quality.accumulation import pooled
-from appliance.core.quality.check_fields import number_or_none
-from appliance.service.control.event_log import EventLog
-from appliance.storage.alarm_chain import Event
-from appliance.storage.reference import Reference
-from appliance.types import AlarmState, Check, State, Verdict
+from probewatch.appliance.core.parameters import MEASURED, QUANTITIES, class_of
+from probewatch.appliance.core.quality.accumulation import pooled
+from probewatch.appliance.core.quality.check_fields import number_or_none
+from probewatch.appliance.service.control.event_log import EventLog
+from probewatch.appliance.storage.alarm_chain import Event
+from probewatch.appliance.storage.reference import Reference
+from probewatch.appliance.types import AlarmState, Check, State, Verdict
 
 _EVERY_NS = 300_000_000_000
 """Between two entries while the calibration is verified. A day of eight hours makes 96 of the 40,000 entries that the

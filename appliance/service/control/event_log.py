@@ -2,12 +2,12 @@
 
 from typing import Any
 
-from appliance.service.control.status import reference_fields
-from appliance.service.host.log import get_log
-from appliance.service.host.recorder import Recorder
-from appliance.storage.alarm_chain import Event, Latch
-from appliance.storage.reference import Reference
-from appliance.types import AlarmState
+from probewatch.appliance.service.control.status import reference_fields
+from probewatch.appliance.service.host.log import get_log
+from probewatch.appliance.service.host.recorder import Recorder
+from probewatch.appliance.storage.alarm_chain import Event, Latch
+from probewatch.appliance.storage.reference import Reference
+from probewatch.appliance.types import AlarmState
 
 
 class EventLog:

@@ -10,9 +10,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from appliance.service.control.server import ControlRefused, Peer
-from appliance.service.host.log import get_log
-from appliance.storage.alarm_chain import Event
+from probewatch.appliance.service.control.server import ControlRefused, Peer
+from probewatch.appliance.service.host.log import get_log
+from probewatch.appliance.storage.alarm_chain import Event
 
 SHORTEST_S, LONGEST_S = 1.0, 3600.0
 """Bounds of the silence that a client may ask for. Shorter gives up for a busy computer; longer is no guard."""

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from appliance.storage.alarm_chain import read_log
+from probewatch.appliance.storage.alarm_chain import read_log
 
 
 def last_reference(folder: Path) -> str | None:

@@ -2,19 +2,19 @@
 
 from pathlib import Path
 
-from appliance.configuration.config import Config, load_config
-from appliance.core.quality.check_fields import limits_fields
-from appliance.service.control.deadline_worker import DeadlineWorker
-from appliance.service.control.event_log import EventLog
-from appliance.service.control.references import References
-from appliance.service.control.server import ControlRefused
-from appliance.service.control.starting import how_to_restart
-from appliance.service.control.status import configuration_fields, noise_fields
-from appliance.service.estimator.process_host import EstimatorHost
-from appliance.service.host.log import get_log
-from appliance.storage.alarm_chain import Event
-from appliance.supervision.supervisor import Supervisor
-from drivers.errors import ConfigurationError
+from probewatch.appliance.configuration.config import Config, load_config
+from probewatch.appliance.core.quality.check_fields import limits_fields
+from probewatch.appliance.service.control.deadline_worker import DeadlineWorker
+from probewatch.appliance.service.control.event_log import EventLog
+from probewatch.appliance.service.control.references import References
+from probewatch.appliance.service.control.server import ControlRefused
+from probewatch.appliance.service.control.starting import how_to_restart
+from probewatch.appliance.service.control.status import configuration_fields, noise_fields
+from probewatch.appliance.service.estimator.process_host import EstimatorHost
+from probewatch.appliance.service.host.log import get_log
+from probewatch.appliance.storage.alarm_chain import Event
+from probewatch.appliance.supervision.supervisor import Supervisor
+from probewatch.drivers.errors import ConfigurationError
 
 _TAKEN = {"limits", "noise", "supervisor", "alarm", "recorder"}
 """The recorder's is of another process, which takes it when it starts."""

@@ -5,13 +5,13 @@ alarm log.
 from collections.abc import Sequence
 from typing import Any
 
-from appliance.core.quality.proposal import Proposal, proposal_fields, propose
-from appliance.service.control.event_log import EventLog
-from appliance.storage.alarm_chain import Event
-from appliance.storage.image_to_probe import image_to_probe
-from appliance.storage.reference import Reference
-from appliance.supervision.languages import translated_text
-from appliance.types import AlarmState, State, Verdict
+from probewatch.appliance.core.quality.proposal import Proposal, proposal_fields, propose
+from probewatch.appliance.service.control.event_log import EventLog
+from probewatch.appliance.storage.alarm_chain import Event
+from probewatch.appliance.storage.image_to_probe import image_to_probe
+from probewatch.appliance.storage.reference import Reference
+from probewatch.appliance.supervision.languages import translated_text
+from probewatch.appliance.types import AlarmState, State, Verdict
 
 
 class Proposals:

@@ -5,17 +5,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from appliance.core.quality.calibration_difference import Difference, difference
-from appliance.limits import Limits
-from appliance.service.control.deadline_worker import DeadlineWorker
-from appliance.service.control.references import References
-from appliance.service.control.server import ControlRefused
-from appliance.service.estimator.process_host import EstimatorHost
-from appliance.storage.calibration_file import calibration_bytes
-from appliance.storage.reference import Candidate, Reference
-from appliance.storage.reference_store import RECALIBRATED
-from appliance.supervision.supervisor import Request, Supervisor
-from appliance.types import PARAMETERS, State
+from probewatch.appliance.core.quality.calibration_difference import Difference, difference
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.service.control.deadline_worker import DeadlineWorker
+from probewatch.appliance.service.control.references import References
+from probewatch.appliance.service.control.server import ControlRefused
+from probewatch.appliance.service.estimator.process_host import EstimatorHost
+from probewatch.appliance.storage.calibration_file import calibration_bytes
+from probewatch.appliance.storage.reference import Candidate, Reference
+from probewatch.appliance.storage.reference_store import RECALIBRATED
+from probewatch.appliance.supervision.supervisor import Request, Supervisor
+from probewatch.appliance.types import PARAMETERS, State
 
 Ask = Callable[[Request], object]
 """Puts a request to the supervisor. Raises ControlRefused."""

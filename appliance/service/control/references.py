@@ -12,20 +12,34 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 
-from appliance.configuration.config import Config
-from appliance.service.control.last_reference import last_reference
-from appliance.service.host.log import get_log
-from appliance.service.host.own_files import own_files
-from appliance.service.host.recorder import END_S, OPEN_S, RETRY_S
-from appliance.storage.calibration_file import calibration_bytes, is_device_set
-from appliance.storage.reference import Candidate, Reference, Size, candidate_from_content, candidate_of_entry, size_for
-from appliance.storage.reference_dates import Dates, dates_of
-from appliance.storage.reference_store import CONFIGURED, Entry, History, read_history, sha256_of, write_history
-from appliance.supervision.alarms import EXPIRED_CALIBRATION, NO_CALIBRATION
-from appliance.types import Calibration, Verdict, VerdictKind
-from drivers.clock.host_clock import HostClock
-from drivers.errors import ConfigurationError
-from drivers.samples import Matrix4
+from probewatch.appliance.configuration.config import Config
+from probewatch.appliance.service.control.last_reference import last_reference
+from probewatch.appliance.service.host.log import get_log
+from probewatch.appliance.service.host.own_files import own_files
+from probewatch.appliance.service.host.recorder import END_S, OPEN_S, RETRY_S
+from probewatch.appliance.storage.calibration_file import calibration_bytes, is_device_set
+from probewatch.appliance.storage.reference import (
+    Candidate,
+    Reference,
+    Size,
+    candidate_from_content,
+    candidate_of_entry,
+    size_for,
+)
+from probewatch.appliance.storage.reference_dates import Dates, dates_of
+from probewatch.appliance.storage.reference_store import (
+    CONFIGURED,
+    Entry,
+    History,
+    read_history,
+    sha256_of,
+    write_history,
+)
+from probewatch.appliance.supervision.alarms import EXPIRED_CALIBRATION, NO_CALIBRATION
+from probewatch.appliance.types import Calibration, Verdict, VerdictKind
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.drivers.samples import Matrix4
 
 SOFTWARE = version("probewatch")
 

@@ -10,9 +10,9 @@ import tomllib
 from datetime import UTC, datetime
 from pathlib import Path
 
-from appliance.configuration.config import Control
-from drivers.errors import ConfigurationError
-from drivers.files.atomic_file import replacing
+from probewatch.appliance.configuration.config import Control
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.drivers.files.atomic_file import replacing
 
 _SUFFIX = ".refusal"
 _MOST_BYTES = 16_000

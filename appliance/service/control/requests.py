@@ -7,18 +7,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from appliance.service.control.allowance import BURST, EVERY_NS, Allowance
-from appliance.service.control.deadline_worker import DeadlineWorker
-from appliance.service.control.hold import Hold, hold_s_of
-from appliance.service.control.recalibration import Recalibration, Wanted
-from appliance.service.control.server import ControlRefused, Peer, Reply
-from appliance.service.host.request_line import unknown_fields
-from appliance.storage.alarm_chain import Event
-from appliance.supervision.annunciator import Annunciator
-from appliance.supervision.audio import LONGEST_PAUSE_NS
-from appliance.supervision.supervisor import Request
-from appliance.types import AlarmState
-from drivers.printable import printable
+from probewatch.appliance.service.control.allowance import BURST, EVERY_NS, Allowance
+from probewatch.appliance.service.control.deadline_worker import DeadlineWorker
+from probewatch.appliance.service.control.hold import Hold, hold_s_of
+from probewatch.appliance.service.control.recalibration import Recalibration, Wanted
+from probewatch.appliance.service.control.server import ControlRefused, Peer, Reply
+from probewatch.appliance.service.host.request_line import unknown_fields
+from probewatch.appliance.storage.alarm_chain import Event
+from probewatch.appliance.supervision.annunciator import Annunciator
+from probewatch.appliance.supervision.audio import LONGEST_PAUSE_NS
+from probewatch.appliance.supervision.supervisor import Request
+from probewatch.appliance.types import AlarmState
+from probewatch.drivers.printable import printable
 
 _ALWAYS = ("acknowledge", "audio-on")
 """Granted however much this user has asked for: both can change something only after something else has."""

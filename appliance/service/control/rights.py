@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
 
-from appliance.configuration.config import Config, Control, Feed
+from probewatch.appliance.configuration.config import Config, Control, Feed
 
 _USUAL = "probewatch"
 _OF_UNITS = (*Control().viewers, *Feed().viewers)

@@ -26,13 +26,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from appliance.service.control.starting import how_to_end
-from appliance.service.host.request_line import request_fields
-from appliance.service.host.unix_socket import listening
-from drivers.closable import Closable
-from drivers.errors import ConfigurationError, DeviceLost, ProbewatchError
-from drivers.files.lock import held_lock
-from drivers.printable import printable_value
+from probewatch.appliance.service.control.starting import how_to_end
+from probewatch.appliance.service.host.request_line import request_fields
+from probewatch.appliance.service.host.unix_socket import listening
+from probewatch.drivers.closable import Closable
+from probewatch.drivers.errors import ConfigurationError, DeviceLost, ProbewatchError
+from probewatch.drivers.files.lock import held_lock
+from probewatch.drivers.printable import printable_value
 
 VERSION = 1
 _MOST_CLIENTS, _MOST_SILENT = 16, 16

@@ -3,14 +3,14 @@
 from collections.abc import Callable
 from typing import Any
 
-from appliance.core.quality.gesture import gestures
-from appliance.core.quality.shown import Shown
-from appliance.service.control.hold import Hold
-from appliance.service.control.live_configuration import LiveConfiguration
-from appliance.service.control.proposals import Proposals
-from appliance.service.control.references import References
-from appliance.service.control.server import Peer
-from appliance.service.control.status import (
+from probewatch.appliance.core.quality.gesture import gestures
+from probewatch.appliance.core.quality.shown import Shown
+from probewatch.appliance.service.control.hold import Hold
+from probewatch.appliance.service.control.live_configuration import LiveConfiguration
+from probewatch.appliance.service.control.proposals import Proposals
+from probewatch.appliance.service.control.references import References
+from probewatch.appliance.service.control.server import Peer
+from probewatch.appliance.service.control.status import (
     ages_at_rest,
     alarm_fields,
     audio_fields,
@@ -21,15 +21,15 @@ from appliance.service.control.status import (
     point_known,
     shown_of_each,
 )
-from appliance.service.control.supervision import Supervision
-from appliance.service.devices.cart_devices import CartDevices
-from appliance.service.estimator.process_host import EstimatorHost
-from appliance.service.feed.process_host import FeedHost
-from appliance.service.host.host_watch import HostWatch
-from appliance.service.host.recorder import Recorder
-from appliance.supervision.annunciator import Annunciator
-from appliance.types import State
-from drivers.device_api import BUMPED
+from probewatch.appliance.service.control.supervision import Supervision
+from probewatch.appliance.service.devices.cart_devices import CartDevices
+from probewatch.appliance.service.estimator.process_host import EstimatorHost
+from probewatch.appliance.service.feed.process_host import FeedHost
+from probewatch.appliance.service.host.host_watch import HostWatch
+from probewatch.appliance.service.host.recorder import Recorder
+from probewatch.appliance.supervision.annunciator import Annunciator
+from probewatch.appliance.types import State
+from probewatch.drivers.device_api import BUMPED
 
 
 class ServiceStatus:

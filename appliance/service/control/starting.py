@@ -4,7 +4,7 @@ configuration that the package brings.
 
 from pathlib import Path
 
-from drivers.errors import DeviceLost
+from probewatch.drivers.errors import DeviceLost
 
 UNIT_CONFIG = Path("/etc/probewatch/probewatch.toml")
 """The configuration of the service that systemd runs."""

@@ -6,21 +6,28 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from appliance.configuration.config import Config
-from appliance.core.quality.check_fields import check_fields, limits_fields, point_fields, rival_fields
-from appliance.core.quality.gesture import Gesture
-from appliance.core.quality.shown import Shown, shown
-from appliance.limits import Limits
-from appliance.service.control.references import SOFTWARE, References
-from appliance.service.devices.output_thread import OutputThread
-from appliance.service.host.recorder import Recorder
-from appliance.storage.image_to_probe import image_to_probe
-from appliance.storage.reference import Reference
-from appliance.supervision.alarms import CHECK_BUMPED, EARLIER, HAZARDS, PARTLY_EARLIER, SIGNALS, operator_text
-from appliance.supervision.audio import Sound
-from appliance.supervision.languages import translated
-from appliance.supervision.supervisor import LATCHED
-from appliance.types import AlarmState, Check, Fault, State, Verdict
+from probewatch.appliance.configuration.config import Config
+from probewatch.appliance.core.quality.check_fields import check_fields, limits_fields, point_fields, rival_fields
+from probewatch.appliance.core.quality.gesture import Gesture
+from probewatch.appliance.core.quality.shown import Shown, shown
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.service.control.references import SOFTWARE, References
+from probewatch.appliance.service.devices.output_thread import OutputThread
+from probewatch.appliance.service.host.recorder import Recorder
+from probewatch.appliance.storage.image_to_probe import image_to_probe
+from probewatch.appliance.storage.reference import Reference
+from probewatch.appliance.supervision.alarms import (
+    CHECK_BUMPED,
+    EARLIER,
+    HAZARDS,
+    PARTLY_EARLIER,
+    SIGNALS,
+    operator_text,
+)
+from probewatch.appliance.supervision.audio import Sound
+from probewatch.appliance.supervision.languages import translated
+from probewatch.appliance.supervision.supervisor import LATCHED
+from probewatch.appliance.types import AlarmState, Check, Fault, State, Verdict
 
 NONE: Mapping[str, Shown] = MappingProxyType({})
 _SIMULATED = {"en": "SIMULATED · ", "de": "SIMULIERT · "}

@@ -3,15 +3,15 @@
 from collections import Counter
 from collections.abc import Callable
 
-from appliance.service.control.event_log import EventLog
-from appliance.service.control.server import ControlRefused
-from appliance.service.host.log import get_log
-from appliance.service.host.overload_watch import OverloadWatch
-from appliance.service.host.recorder import Recorder
-from appliance.storage.alarm_chain import Latch
-from appliance.supervision.alarms import HAZARDS
-from appliance.supervision.supervisor import LATCHED, Durations, Inputs, Request, Supervisor
-from appliance.types import AlarmState, Check, Fault, State, Verdict
+from probewatch.appliance.service.control.event_log import EventLog
+from probewatch.appliance.service.control.server import ControlRefused
+from probewatch.appliance.service.host.log import get_log
+from probewatch.appliance.service.host.overload_watch import OverloadWatch
+from probewatch.appliance.service.host.recorder import Recorder
+from probewatch.appliance.storage.alarm_chain import Latch
+from probewatch.appliance.supervision.alarms import HAZARDS
+from probewatch.appliance.supervision.supervisor import LATCHED, Durations, Inputs, Request, Supervisor
+from probewatch.appliance.types import AlarmState, Check, Fault, State, Verdict
 
 Follow = Callable[[State, State], None]
 """(state before, state after) of every step but the first."""

@@ -4,16 +4,16 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from appliance.configuration.config import Config
-from appliance.service.devices.device_thread import DeviceThread
-from appliance.service.devices.output_thread import OutputThread
-from appliance.service.devices.rate_meter import RateMeter
-from appliance.service.devices.source_thread import CaptureThread, TrackerThread
-from appliance.supervision.annunciator import Role
-from drivers.clock.host_clock import HostClock
-from drivers.device_api import AlarmOutput, TrackerSource, VideoSource
-from drivers.registry import open_output, open_tracker, open_video
-from drivers.samples import Sample
+from probewatch.appliance.configuration.config import Config
+from probewatch.appliance.service.devices.device_thread import DeviceThread
+from probewatch.appliance.service.devices.output_thread import OutputThread
+from probewatch.appliance.service.devices.rate_meter import RateMeter
+from probewatch.appliance.service.devices.source_thread import CaptureThread, TrackerThread
+from probewatch.appliance.supervision.annunciator import Role
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.device_api import AlarmOutput, TrackerSource, VideoSource
+from probewatch.drivers.registry import open_output, open_tracker, open_video
+from probewatch.drivers.samples import Sample
 
 _JOIN_S = 1.0
 """For which the end waits for the thread of a device that hangs: a good one ends within its read of .1 s."""

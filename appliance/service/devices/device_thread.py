@@ -3,12 +3,12 @@
 import threading
 from abc import ABC, abstractmethod
 
-from appliance.service.devices.backoff import Backoff
-from appliance.service.host.log import get_log
-from appliance.supervision.alarms import HAZARDS
-from appliance.types import Fault
-from drivers.clock.host_clock import HostClock
-from drivers.errors import EXHAUSTED, DeviceLost, ProbewatchError, ProtocolError
+from probewatch.appliance.service.devices.backoff import Backoff
+from probewatch.appliance.service.host.log import get_log
+from probewatch.appliance.supervision.alarms import HAZARDS
+from probewatch.appliance.types import Fault
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.errors import EXHAUSTED, DeviceLost, ProbewatchError, ProtocolError
 
 
 class DeviceThread(threading.Thread, ABC):

@@ -4,11 +4,11 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from appliance.service.devices.device_thread import DeviceThread
-from appliance.service.host.delay_histogram import DelayHistogram
-from appliance.supervision.annunciator import Role
-from drivers.clock.host_clock import HostClock
-from drivers.device_api import AlarmOutput
+from probewatch.appliance.service.devices.device_thread import DeviceThread
+from probewatch.appliance.service.host.delay_histogram import DelayHistogram
+from probewatch.appliance.supervision.annunciator import Role
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.device_api import AlarmOutput
 
 _COMMAND_LIFE_S = 0.25
 """How long a command holds an output: five ticks. Longer keeps the contact closed after a tick that hangs; shorter

@@ -6,13 +6,13 @@ from collections.abc import Callable, Iterable
 from statistics import median
 from typing import Any
 
-from appliance.core.acquisition.input_validation import refused_picture
-from appliance.service.devices.device_thread import DeviceThread
-from appliance.supervision.watchers.device_health import Replies
-from drivers.clock.host_clock import HostClock
-from drivers.device_api import BumpDetector, Description, Identified, TrackerSource, VideoSource, Watched
-from drivers.errors import DeviceLost
-from drivers.samples import Frame, MarkerBody, Pose, Sample
+from probewatch.appliance.core.acquisition.input_validation import refused_picture
+from probewatch.appliance.service.devices.device_thread import DeviceThread
+from probewatch.appliance.supervision.watchers.device_health import Replies
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.device_api import BumpDetector, Description, Identified, TrackerSource, VideoSource, Watched
+from probewatch.drivers.errors import DeviceLost
+from probewatch.drivers.samples import Frame, MarkerBody, Pose, Sample
 
 _READ_S = 0.1
 """For which a read waits. Longer lets the end and what a person asks of the tracker wait; shorter costs wake-ups."""

@@ -4,9 +4,9 @@ import pickle
 import socket
 from dataclasses import dataclass, field
 
-from appliance.core.estimator_settings import EstimatorSettings
-from appliance.types import Verdict
-from drivers.samples import Matrix4
+from probewatch.appliance.core.estimator_settings import EstimatorSettings
+from probewatch.appliance.types import Verdict
+from probewatch.drivers.samples import Matrix4
 
 _LONGEST = 1 << 17
 """Bytes of a message; a longer one would be cut. 64 verdicts, as many as `Pairing` lets wait, of 19 checks each came to

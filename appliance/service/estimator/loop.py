@@ -8,14 +8,14 @@ import time
 from collections.abc import Callable
 from typing import Protocol
 
-from appliance.core.estimator_settings import EstimatorSettings
-from appliance.limits import Limits
-from appliance.service.estimator.link import EstimatorReport, LinkClosed, receive, send
-from appliance.service.estimator.ring import FRAMES, POSES, Ring, RingFds
-from appliance.service.estimator.tap import Tap, TapFds
-from appliance.service.host.child_process import end_with_parent
-from appliance.types import Calibration, Verdict
-from drivers.samples import Matrix4, Sample
+from probewatch.appliance.core.estimator_settings import EstimatorSettings
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.service.estimator.link import EstimatorReport, LinkClosed, receive, send
+from probewatch.appliance.service.estimator.ring import FRAMES, POSES, Ring, RingFds
+from probewatch.appliance.service.estimator.tap import Tap, TapFds
+from probewatch.appliance.service.host.child_process import end_with_parent
+from probewatch.appliance.types import Calibration, Verdict
+from probewatch.drivers.samples import Matrix4, Sample
 
 _REPORT_EVERY_NS = 100_000_000
 """Between two reports where there is no verdict: ten must be missing before `Timeouts.estimator_ns` calls it silent."""

@@ -1,13 +1,14 @@
-"""The process that computes, started by process_host: `-m appliance.service.estimator.process FD…`, see loop.serve."""
+"""The process that computes, started by process_host: `-m probewatch.appliance.service.estimator.process FD…`, see
+loop.serve."""
 
 import sys
 
 import cv2
 
-from appliance.core.line import Line
-from appliance.core.warm_up import warm_up
-from appliance.service.estimator.loop import serve
-from appliance.service.host.resident_memory import keep_what_is_loaded, lock_memory
+from probewatch.appliance.core.line import Line
+from probewatch.appliance.core.warm_up import warm_up
+from probewatch.appliance.service.estimator.loop import serve
+from probewatch.appliance.service.host.resident_memory import keep_what_is_loaded, lock_memory
 
 if __name__ == "__main__":
     cv2.setNumThreads(1)

@@ -13,18 +13,18 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import Protocol
 
-from appliance.core.estimator_settings import EstimatorSettings
-from appliance.limits import Limits
-from appliance.service.estimator.link import EstimatorReport, LinkClosed, link_pair, receive, send
-from appliance.service.estimator.ring import FRAMES, POSES, Ring
-from appliance.service.estimator.tap import TapFds
-from appliance.service.host.child_process import ONE_THREAD
-from appliance.service.host.log import get_log
-from appliance.types import Calibration, Verdict
-from drivers.clock.host_clock import HostClock
-from drivers.samples import Frame, Matrix4, Sample
+from probewatch.appliance.core.estimator_settings import EstimatorSettings
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.service.estimator.link import EstimatorReport, LinkClosed, link_pair, receive, send
+from probewatch.appliance.service.estimator.ring import FRAMES, POSES, Ring
+from probewatch.appliance.service.estimator.tap import TapFds
+from probewatch.appliance.service.host.child_process import ONE_THREAD
+from probewatch.appliance.service.host.log import get_log
+from probewatch.appliance.types import Calibration, Verdict
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.samples import Frame, Matrix4, Sample
 
-_COMMAND = (sys.executable, "-m", "appliance.service.estimator.process")
+_COMMAND = (sys.executable, "-m", "probewatch.appliance.service.estimator.process")
 _FIRST_WAIT_S, _LONGEST_WAIT_S = 0.1, 5.0
 """Before a new process is started, doubled each time one does not last. Longer leaves the contact open for longer;
 shorter spends the processor on what cannot start.

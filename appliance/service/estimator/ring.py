@@ -22,8 +22,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drivers.closable import Closable
-from drivers.samples import Frame, Matrix4, Pose, PoseStatus, Sample, Stamp
+from probewatch.drivers.closable import Closable
+from probewatch.drivers.samples import Frame, Matrix4, Pose, PoseStatus, Sample, Stamp
 
 _SPARE_SLOTS = 2
 """One that is being written, one between it and what the consumer may use; see the heading of this file."""

@@ -15,10 +15,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Self
 
-from appliance.core.estimator_settings import EstimatorSettings
-from appliance.service.estimator.ring import FRAMES, Ring, RingFds
-from appliance.types import Verdict
-from drivers.samples import Frame, Pose, Sample, Stamp
+from probewatch.appliance.core.estimator_settings import EstimatorSettings
+from probewatch.appliance.service.estimator.ring import FRAMES, Ring, RingFds
+from probewatch.appliance.types import Verdict
+from probewatch.drivers.samples import Frame, Pose, Sample, Stamp
 
 LONGEST_PACKET = 1 << 17
 """Bytes of one packet; a longer one would be cut. See `link`, whose reports hold as many verdicts."""

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from appliance.core.estimator_settings import EstimatorSettings
-from appliance.core.exact_fields import (
+from probewatch.appliance.core.estimator_settings import EstimatorSettings
+from probewatch.appliance.core.exact_fields import (
     Header,
     integer,
     pose_fields,
@@ -26,9 +26,9 @@ from appliance.core.exact_fields import (
     verdict_fields,
     verdict_of,
 )
-from appliance.types import Verdict
-from drivers.errors import ProtocolError
-from drivers.samples import Frame, GreyImage, Pose, Sample
+from probewatch.appliance.types import Verdict
+from probewatch.drivers.errors import ProtocolError
+from probewatch.drivers.samples import Frame, GreyImage, Pose, Sample
 
 VERSION = 1
 _LENGTHS = struct.Struct(">II")

@@ -1,4 +1,4 @@
-"""The process that fans out, started by process_host: `-m appliance.service.feed.process USERS FD…`."""
+"""The process that fans out, started by process_host: `-m probewatch.appliance.service.feed.process USERS FD…`."""
 
 import os
 import signal
@@ -8,10 +8,10 @@ from contextlib import suppress
 from importlib.metadata import version
 from pathlib import Path
 
-from appliance.service.estimator.ring import FRAMES, Ring
-from appliance.service.estimator.tap import NOTHING, Subscription, TapFds
-from appliance.service.feed.server import FeedServer
-from appliance.service.host.child_process import end_with_parent
+from probewatch.appliance.service.estimator.ring import FRAMES, Ring
+from probewatch.appliance.service.estimator.tap import NOTHING, Subscription, TapFds
+from probewatch.appliance.service.feed.server import FeedServer
+from probewatch.appliance.service.host.child_process import end_with_parent
 
 _NICER = 15
 """Steps of nice(2) behind the service: onlookers wait for the line."""

@@ -14,14 +14,14 @@ from collections.abc import Iterable, Sequence
 from contextlib import ExitStack, suppress
 from pathlib import Path
 
-from appliance.service.estimator.link import link_pair
-from appliance.service.estimator.ring import FRAMES, Ring
-from appliance.service.estimator.tap import NOTHING, FeedCounts, Subscription, TapFds
-from appliance.service.host.child_process import ONE_THREAD
-from appliance.service.host.log import get_log
-from appliance.service.host.unix_socket import listening
+from probewatch.appliance.service.estimator.link import link_pair
+from probewatch.appliance.service.estimator.ring import FRAMES, Ring
+from probewatch.appliance.service.estimator.tap import NOTHING, FeedCounts, Subscription, TapFds
+from probewatch.appliance.service.host.child_process import ONE_THREAD
+from probewatch.appliance.service.host.log import get_log
+from probewatch.appliance.service.host.unix_socket import listening
 
-_COMMAND = (sys.executable, "-m", "appliance.service.feed.process")
+_COMMAND = (sys.executable, "-m", "probewatch.appliance.service.feed.process")
 _FIRST_WAIT_S, _LONGEST_WAIT_S = 0.5, 30.0
 """Before a process that died is started again, doubled each time one does not last. Longer leaves viewers without a
 picture; shorter spends the processor on what cannot start.

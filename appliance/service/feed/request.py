@@ -4,10 +4,10 @@ import json
 from dataclasses import dataclass
 from typing import Any
 
-from appliance.service.feed.message import VERSION
-from appliance.service.host.request_line import request_fields, unknown_fields
-from drivers.errors import ProtocolError
-from drivers.printable import printable
+from probewatch.appliance.service.feed.message import VERSION
+from probewatch.appliance.service.host.request_line import request_fields, unknown_fields
+from probewatch.drivers.errors import ProtocolError
+from probewatch.drivers.printable import printable
 
 LONGEST_LINE = 4096
 """Bytes, as of the control socket; a request has some 80."""

@@ -14,9 +14,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from appliance.core.estimator_settings import EstimatorSettings
-from appliance.service.estimator.ring import Ring
-from appliance.service.estimator.tap import (
+from probewatch.appliance.core.estimator_settings import EstimatorSettings
+from probewatch.appliance.service.estimator.ring import Ring
+from probewatch.appliance.service.estimator.tap import (
     ALL_BUT_PICTURES,
     NOTHING,
     PICTURES,
@@ -27,10 +27,10 @@ from appliance.service.estimator.tap import (
     Taken,
     received,
 )
-from appliance.service.feed import message
-from appliance.service.feed.request import LONGEST_LINE, FeedRequest, request_of
-from drivers.errors import ProtocolError
-from drivers.samples import Frame, GreyImage, Pose
+from probewatch.appliance.service.feed import message
+from probewatch.appliance.service.feed.request import LONGEST_LINE, FeedRequest, request_of
+from probewatch.drivers.errors import ProtocolError
+from probewatch.drivers.samples import Frame, GreyImage, Pose
 
 MOST_CLIENTS, _MOST_SILENT = 8, 8
 """Who listen, and who have not asked yet. Each that listens may keep so much memory as is said next."""

@@ -4,15 +4,15 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from appliance.service.host.log import get_log
-from appliance.service.host.overload_watch import OverloadWatch
-from appliance.service.host.pressure import Pressure
-from appliance.service.host.recorder import Recorder
-from appliance.service.host.sleep_watch import Bounds, SleepWatch, slept_ns
-from appliance.service.host.tick_meter import TickMeter
-from appliance.service.host.wall_clock import WallClock
-from appliance.storage.alarm_chain import Event
-from drivers.clock.host_clock import HostClock
+from probewatch.appliance.service.host.log import get_log
+from probewatch.appliance.service.host.overload_watch import OverloadWatch
+from probewatch.appliance.service.host.pressure import Pressure
+from probewatch.appliance.service.host.recorder import Recorder
+from probewatch.appliance.service.host.sleep_watch import Bounds, SleepWatch, slept_ns
+from probewatch.appliance.service.host.tick_meter import TickMeter
+from probewatch.appliance.service.host.wall_clock import WallClock
+from probewatch.appliance.storage.alarm_chain import Event
+from probewatch.drivers.clock.host_clock import HostClock
 
 
 class HostWatch:

@@ -10,9 +10,9 @@ from typing import Any, Protocol, TextIO
 
 import structlog
 
-from appliance.service.host.journal import journal_stream
-from drivers.closable import Closable
-from drivers.printable import printable_lines, printable_value
+from probewatch.appliance.service.host.journal import journal_stream
+from probewatch.drivers.closable import Closable
+from probewatch.drivers.printable import printable_lines, printable_value
 
 _LEVELS = {"debug": 10, "info": 20, "warning": 30, "error": 40}
 """Levels of Python's logging, which structlog filters by."""

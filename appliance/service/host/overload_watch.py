@@ -4,14 +4,14 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-from appliance.service.host.log import get_log
-from appliance.service.host.pressure import Pressure
-from appliance.storage.alarm_chain import Event
-from appliance.supervision.alarms import HAZARDS
-from appliance.supervision.overload import Load, Overload
-from appliance.supervision.overload_notes import OverloadNotes
-from appliance.types import AlarmState, Check, Fault
-from drivers.clock.host_clock import HostClock
+from probewatch.appliance.service.host.log import get_log
+from probewatch.appliance.service.host.pressure import Pressure
+from probewatch.appliance.storage.alarm_chain import Event
+from probewatch.appliance.supervision.alarms import HAZARDS
+from probewatch.appliance.supervision.overload import Load, Overload
+from probewatch.appliance.supervision.overload_notes import OverloadNotes
+from probewatch.appliance.types import AlarmState, Check, Fault
+from probewatch.drivers.clock.host_clock import HostClock
 
 
 class OverloadWatch:

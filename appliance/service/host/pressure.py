@@ -5,7 +5,7 @@ import re
 from math import nan
 from pathlib import Path
 
-from appliance.service.host.log import get_log
+from probewatch.appliance.service.host.log import get_log
 
 _RESOURCES = ("cpu", "memory")
 """Not io: a tick waits for no disk, and one that is busy disturbs nothing."""

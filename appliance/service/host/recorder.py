@@ -13,17 +13,17 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from appliance.service.host.log import get_log
-from appliance.service.host.own_files import own_files
-from appliance.storage.alarm_chain import Event, Latch, segments
-from appliance.storage.alarm_log import AlarmLog
-from appliance.supervision.alarms import HAZARDS
-from appliance.types import Fault, Kind
-from drivers.clock.host_clock import HostClock
-from drivers.errors import DeviceLost
-from drivers.files.atomic_file import make_folder
-from drivers.files.lock import held_lock, is_held
-from drivers.printable import printable_value
+from probewatch.appliance.service.host.log import get_log
+from probewatch.appliance.service.host.own_files import own_files
+from probewatch.appliance.storage.alarm_chain import Event, Latch, segments
+from probewatch.appliance.storage.alarm_log import AlarmLog
+from probewatch.appliance.supervision.alarms import HAZARDS
+from probewatch.appliance.types import Fault, Kind
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.errors import DeviceLost
+from probewatch.drivers.files.atomic_file import make_folder
+from probewatch.drivers.files.lock import held_lock, is_held
+from probewatch.drivers.printable import printable_value
 
 LOCK = ".lock"
 """File in the folder of the alarm log that the service holds."""

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from itertools import islice
 from typing import Any
 
-from drivers.printable import printable
+from probewatch.drivers.printable import printable
 
 _LONGEST_NAME, _MOST_NAMES = 40, 8
 """Signs of a field's name in a reply, and names: more is a client that says anything. Not measured."""

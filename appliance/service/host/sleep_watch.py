@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable
 
-from appliance.core.times import MOST_APART_NS
+from probewatch.appliance.core.times import MOST_APART_NS
 
 _LEAST_NS = MOST_APART_NS
 """Less than the time for which nothing may be seen is no sleep: whatever a hand can change takes longer."""

@@ -3,7 +3,7 @@
 import os
 import socket
 
-from drivers.printable import printable
+from probewatch.drivers.printable import printable
 
 
 class Notifier:

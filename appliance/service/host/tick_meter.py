@@ -3,7 +3,7 @@
 from collections import deque
 from typing import Any
 
-from appliance.service.host.delay_histogram import DelayHistogram
+from probewatch.appliance.service.host.delay_histogram import DelayHistogram
 
 _MOST = 2000
 """100 s of ticks, so that the 99th percentile stands on twenty. More hides in it what the last minute was like."""

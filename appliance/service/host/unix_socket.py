@@ -13,7 +13,7 @@ import time
 from collections.abc import Iterable
 from pathlib import Path
 
-from appliance.service.host.log import get_log
+from probewatch.appliance.service.host.log import get_log
 
 _ACL = "system.posix_acl_access"
 _ACL_VERSION = 2

@@ -1,7 +1,7 @@
 """Watches the alarm log: what is read back must be what was written, and what happens now must be written."""
 
-from appliance.supervision.watchers.device_health import DeviceHealth, Timeouts, silence
-from appliance.types import Check, Fault, VerdictKind
+from probewatch.appliance.supervision.watchers.device_health import DeviceHealth, Timeouts, silence
+from probewatch.appliance.types import Check, Fault, VerdictKind
 
 REPORTS_FAULTS = (Fault.LOG_DAMAGED, Fault.MEMORY_DAMAGED, Fault.LOG_NOT_WRITTEN)
 

@@ -2,8 +2,8 @@
 `[calibration] overdue = "expires"` it cannot be verified any more, so that the contact opens.
 """
 
-from appliance.supervision.watchers.device_health import DeviceHealth
-from appliance.types import Check, Fault, VerdictKind
+from probewatch.appliance.supervision.watchers.device_health import DeviceHealth
+from probewatch.appliance.types import Check, Fault, VerdictKind
 
 REPORTS_FAULTS = (Fault.CALIBRATION_DUE,)
 

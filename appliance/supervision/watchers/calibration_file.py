@@ -1,8 +1,8 @@
 """A configured calibration file that was changed takes no effect by itself, and no person should believe that it
 did."""
 
-from appliance.supervision.watchers.device_health import DeviceHealth
-from appliance.types import Check, Fault, VerdictKind
+from probewatch.appliance.supervision.watchers.device_health import DeviceHealth
+from probewatch.appliance.types import Check, Fault, VerdictKind
 
 REPORTS_FAULTS = (Fault.CALIBRATION_FILE,)
 

@@ -2,9 +2,9 @@
 
 from dataclasses import dataclass
 
-from appliance.limits import TRACKER_STALE_MS
-from appliance.types import Check, Fault, VerdictKind
-from drivers.samples import MarkerBody, PoseStatus
+from probewatch.appliance.limits import TRACKER_STALE_MS
+from probewatch.appliance.types import Check, Fault, VerdictKind
+from probewatch.drivers.samples import MarkerBody, PoseStatus
 
 
 @dataclass(frozen=True, slots=True)

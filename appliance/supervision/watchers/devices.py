@@ -1,19 +1,24 @@
 """The device watchers, in the order in which a technician would look."""
 
-from appliance.limits import Limits
-from appliance.supervision.watchers.alarm_log import alarm_log_integrity, alarm_log_written
-from appliance.supervision.watchers.calibration_date import calibration_date
-from appliance.supervision.watchers.calibration_file import calibration_file
-from appliance.supervision.watchers.device_health import DeviceHealth, Timeouts
-from appliance.supervision.watchers.measurement_quality import field_indicator, marker_fit, marker_geometry
-from appliance.supervision.watchers.presence import (
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.supervision.watchers.alarm_log import alarm_log_integrity, alarm_log_written
+from probewatch.appliance.supervision.watchers.calibration_date import calibration_date
+from probewatch.appliance.supervision.watchers.calibration_file import calibration_file
+from probewatch.appliance.supervision.watchers.device_health import DeviceHealth, Timeouts
+from probewatch.appliance.supervision.watchers.measurement_quality import field_indicator, marker_fit, marker_geometry
+from probewatch.appliance.supervision.watchers.presence import (
     estimator_presence,
     output_presence,
     tracker_presence,
     video_presence,
 )
-from appliance.supervision.watchers.tracker_status import line_of_sight, pose_usable, tracker_alert, tracker_freshness
-from appliance.types import Check
+from probewatch.appliance.supervision.watchers.tracker_status import (
+    line_of_sight,
+    pose_usable,
+    tracker_alert,
+    tracker_freshness,
+)
+from probewatch.appliance.types import Check
 
 _WATCHERS = (
     output_presence,

@@ -2,9 +2,9 @@
 
 from math import nan
 
-from appliance.limits import Limits
-from appliance.supervision.watchers.device_health import DeviceHealth
-from appliance.types import Check, Fault, VerdictKind
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.supervision.watchers.device_health import DeviceHealth
+from probewatch.appliance.types import Check, Fault, VerdictKind
 
 REPORTS_FAULTS = (Fault.MARKER_BODY, Fault.FIELD_DISTORTION)
 

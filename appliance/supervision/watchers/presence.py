@@ -2,8 +2,8 @@
 the start.
 """
 
-from appliance.supervision.watchers.device_health import DeviceHealth, Timeouts, silence
-from appliance.types import Check, Fault, VerdictKind
+from probewatch.appliance.supervision.watchers.device_health import DeviceHealth, Timeouts, silence
+from probewatch.appliance.types import Check, Fault, VerdictKind
 
 REPORTS_FAULTS = (Fault.OUTPUT_FAILED, Fault.VIDEO_LOST, Fault.TRACKER_LOST, Fault.ESTIMATOR_SILENT)
 

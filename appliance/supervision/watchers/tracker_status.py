@@ -1,8 +1,8 @@
 """What a tracker that answers says of its own poses: a fault, an old measurement, or that it does not see the probe."""
 
-from appliance.supervision.watchers.device_health import DeviceHealth, Timeouts, silence
-from appliance.types import Check, Fault, VerdictKind
-from drivers.samples import PoseStatus
+from probewatch.appliance.supervision.watchers.device_health import DeviceHealth, Timeouts, silence
+from probewatch.appliance.types import Check, Fault, VerdictKind
+from probewatch.drivers.samples import PoseStatus
 
 REPORTS_FAULTS = (Fault.TRACKER_ALERT, Fault.TRACKER_STALE, Fault.LINE_OF_SIGHT, Fault.POSE_UNUSABLE)
 

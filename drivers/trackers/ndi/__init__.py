@@ -5,8 +5,8 @@ What each says of itself, DRIVERS, is read without importing it (drivers/descrip
 
 from dataclasses import replace
 
-from drivers.descriptor import HOST, SERIAL_PORT, Driver, Option, Twin
-from drivers.trackers.staleness import DEADLINE, LATENCY, LOG
+from probewatch.drivers.descriptor import HOST, SERIAL_PORT, Driver, Option, Twin
+from probewatch.drivers.trackers.staleness import DEADLINE, LATENCY, LOG
 
 _TOOL = "FILE.rom|@PLUG|FILE.rom@PLUG"
 _BAUDS = ("9600", "14400", "19200", "38400", "57600", "115200", "921600", "1228739")
@@ -17,7 +17,7 @@ _COUNTERS_HZ = (1, 5000)
 
 NDI = Driver(
     "ndi",
-    "drivers.trackers.ndi.tracker",
+    "probewatch.drivers.trackers.ndi.tracker",
     "Polaris, Aurora",
     "serial, Combined API",
     {"tracker": "ndi:/dev/ttyUSB0"},
@@ -64,7 +64,7 @@ NDI = Driver(
 )
 NDI_TCP = Driver(
     "ndi+tcp",
-    "drivers.trackers.ndi.network",
+    "probewatch.drivers.trackers.ndi.network",
     "Polaris Vega",
     "TCP, Combined API",
     {"tracker": "ndi+tcp://host:8765"},

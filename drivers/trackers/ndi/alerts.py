@@ -1,12 +1,12 @@
 """Asks the device which alerts it has, when a reply says that there are some or one stands that may be over."""
 
-from drivers.clock.host_clock import HostClock
-from drivers.errors import DeviceLost, ProtocolError
-from drivers.trackers.ndi.exchange import Answer, Exchange
-from drivers.trackers.ndi.health import Health, HealthWatch
-from drivers.trackers.ndi.link import SilentError
-from drivers.trackers.ndi.session import Session
-from drivers.trackers.ndi.status_text import BUMPED
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.errors import DeviceLost, ProtocolError
+from probewatch.drivers.trackers.ndi.exchange import Answer, Exchange
+from probewatch.drivers.trackers.ndi.health import Health, HealthWatch
+from probewatch.drivers.trackers.ndi.link import SilentError
+from probewatch.drivers.trackers.ndi.session import Session
+from probewatch.drivers.trackers.ndi.status_text import BUMPED
 
 _SHARE_OF_DEADLINE = 0.5
 """For one question about alerts, so that a tracking reply still fits before the deadline. More loses the device with

@@ -3,8 +3,8 @@
 import math
 import struct
 
-from drivers.errors import ProtocolError
-from drivers.trackers.ndi.replies import (
+from probewatch.drivers.errors import ProtocolError
+from probewatch.drivers.trackers.ndi.replies import (
     STRAY_STATES,
     ActiveStray,
     HandleState,
@@ -22,7 +22,7 @@ from drivers.trackers.ndi.replies import (
     outside_flags,
     packed_nibbles,
 )
-from drivers.trackers.ndi.wire import Cursor, encode_container, open_container
+from probewatch.drivers.trackers.ndi.wire import Cursor, encode_container, open_container
 
 _STATES = {0x01: HandleState.VALID, 0x02: HandleState.MISSING, 0x04: HandleState.DISABLED}
 _CODES = {state: code for code, state in _STATES.items()} | {HandleState.UNOCCUPIED: 0x04}

@@ -9,8 +9,8 @@ import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from drivers.trackers.ndi.replies import Position, Transform
-from drivers.trackers.ndi.wire import Cursor, encode_container, open_container
+from probewatch.drivers.trackers.ndi.replies import Position, Transform
+from probewatch.drivers.trackers.ndi.wire import Cursor, encode_container, open_container
 
 _VERSION = 1
 _MISSING_BIT = 0x0100

@@ -3,11 +3,11 @@
 import math
 from collections.abc import Callable
 
-from drivers.clock.counter_clock import counter_rate_hz
-from drivers.clock.host_clock import HostClock
-from drivers.errors import DeviceLost
-from drivers.trackers.ndi.exchange import Answer
-from drivers.trackers.ndi.session import Session
+from probewatch.drivers.clock.counter_clock import counter_rate_hz
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.errors import DeviceLost
+from probewatch.drivers.trackers.ndi.exchange import Answer
+from probewatch.drivers.trackers.ndi.session import Session
 
 _POLARIS_HZ = 60.0
 """Combined API: a Polaris counts at 60 Hz, whatever rate it measures at; a recorded 20 Hz unit steps by three."""

@@ -3,11 +3,11 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from drivers.clock.host_clock import HostClock
-from drivers.errors import ProtocolError
-from drivers.trackers.ndi.link import Link, SilentError, refuse_reset
-from drivers.trackers.ndi.readings import Dialect, Snapshot
-from drivers.trackers.ndi.wire import EXTENDED_START, RefusedError, decode_text
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.errors import ProtocolError
+from probewatch.drivers.trackers.ndi.link import Link, SilentError, refuse_reset
+from probewatch.drivers.trackers.ndi.readings import Dialect, Snapshot
+from probewatch.drivers.trackers.ndi.wire import EXTENDED_START, RefusedError, decode_text
 
 _GAP_NS = 25_000_000
 """Silence after which a broken reply has run out. USB adapters hold bytes back for up to 16 ms (the latency timer's

@@ -4,10 +4,10 @@ The rules differ: TX and BX list a tool in every reply, so a clock of it that st
 a tool out until there is something new, so its absence is.
 """
 
-from drivers.clock.counter_clock import COUNTS
-from drivers.trackers.ndi.readings import Reading
-from drivers.trackers.ndi.replies import Transform
-from drivers.trackers.staleness import FROZEN_READINGS, SLOWEST_PERIOD_NS, STALE_PERIODS
+from probewatch.drivers.clock.counter_clock import COUNTS
+from probewatch.drivers.trackers.ndi.readings import Reading
+from probewatch.drivers.trackers.ndi.replies import Transform
+from probewatch.drivers.trackers.staleness import FROZEN_READINGS, SLOWEST_PERIOD_NS, STALE_PERIODS
 
 _LEARNING_READINGS = 20
 """Steps of the counter after which the shortest is taken for the period; until then the next measurement is asked for

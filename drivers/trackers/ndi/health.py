@@ -4,9 +4,14 @@ ends.
 
 from dataclasses import dataclass, replace
 
-from drivers.trackers.ndi.pose_status import SYSTEM_ALERTS_PENDING, SYSTEM_TEMPERATURE, StatusReason, status_of_system
-from drivers.trackers.ndi.readings import Snapshot
-from drivers.trackers.ndi.status_text import BUMPED, HARMLESS_ALERTS, PTP_LOST, alert_text
+from probewatch.drivers.trackers.ndi.pose_status import (
+    SYSTEM_ALERTS_PENDING,
+    SYSTEM_TEMPERATURE,
+    StatusReason,
+    status_of_system,
+)
+from probewatch.drivers.trackers.ndi.readings import Snapshot
+from probewatch.drivers.trackers.ndi.status_text import BUMPED, HARMLESS_ALERTS, PTP_LOST, alert_text
 
 _BATTERIES = 0x100000 | 0x4000000
 _TOO_HOT, _TOO_COLD = 0x20000000, 0x40000000

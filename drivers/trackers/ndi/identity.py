@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from enum import Enum
 
-from drivers.printable import printable
+from probewatch.drivers.printable import printable
 
 TEXT_ONLY_TAGS = (
     "AURORA Rev 007",

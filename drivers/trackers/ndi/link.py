@@ -2,12 +2,12 @@
 
 import select
 
-from drivers.clock.host_clock import HostClock
-from drivers.errors import DeviceLost, ProtocolError
-from drivers.io.byte_log import ByteLog
-from drivers.io.serial_port import BITS_PER_BYTE
-from drivers.trackers.ndi.transport import LINE_ERRORS, ByteLine
-from drivers.trackers.ndi.wire import encode_text, reply_length
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.errors import DeviceLost, ProtocolError
+from probewatch.drivers.io.byte_log import ByteLog
+from probewatch.drivers.io.serial_port import BITS_PER_BYTE
+from probewatch.drivers.trackers.ndi.transport import LINE_ERRORS, ByteLine
+from probewatch.drivers.trackers.ndi.wire import encode_text, reply_length
 
 _RESET = encode_text("RESET")
 

@@ -2,10 +2,10 @@
 
 from collections.abc import Iterable
 
-from drivers.samples import MarkerBody
-from drivers.trackers.ndi.readings import Reading
-from drivers.trackers.ndi.telemetry import tool_telemetry
-from drivers.trackers.ndi.tools import Tool
+from probewatch.drivers.samples import MarkerBody
+from probewatch.drivers.trackers.ndi.readings import Reading
+from probewatch.drivers.trackers.ndi.telemetry import tool_telemetry
+from probewatch.drivers.trackers.ndi.tools import Tool
 
 
 class MarkerQuality:

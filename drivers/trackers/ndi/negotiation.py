@@ -2,18 +2,18 @@
 
 from dataclasses import dataclass
 
-from drivers.clock.counter_clock import CounterClock
-from drivers.clock.device_clock import DeviceClock
-from drivers.clock.host_clock import HostClock
-from drivers.errors import DeviceLost
-from drivers.trackers.ndi.counter_rate import frame_counter_hz
-from drivers.trackers.ndi.exchange import Exchange
-from drivers.trackers.ndi.identity import ReplyKind
-from drivers.trackers.ndi.options import TrackerOptions
-from drivers.trackers.ndi.readings import Dialect, dialect
-from drivers.trackers.ndi.session import Session
-from drivers.trackers.ndi.tools import Tool
-from drivers.trackers.ndi.wire import RefusedError
+from probewatch.drivers.clock.counter_clock import CounterClock
+from probewatch.drivers.clock.device_clock import DeviceClock
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.errors import DeviceLost
+from probewatch.drivers.trackers.ndi.counter_rate import frame_counter_hz
+from probewatch.drivers.trackers.ndi.exchange import Exchange
+from probewatch.drivers.trackers.ndi.identity import ReplyKind
+from probewatch.drivers.trackers.ndi.options import TrackerOptions
+from probewatch.drivers.trackers.ndi.readings import Dialect, dialect
+from probewatch.drivers.trackers.ndi.session import Session
+from probewatch.drivers.trackers.ndi.tools import Tool
+from probewatch.drivers.trackers.ndi.wire import RefusedError
 
 _REPLY_BYTES = 50
 """First guess at the part of a reply that belongs to no tool: frame and status, and strays, 12 bytes each. Longer ones

@@ -1,12 +1,12 @@
 """`ndi+tcp://host:8765?probe=FILE.rom`: a Vega on the network; options as for `ndi:`, but without baud."""
 
-from drivers.clock.host_clock import HostClock
-from drivers.errors import ConfigurationError
-from drivers.io.tcp_line import parse_address
-from drivers.trackers.ndi import NDI_TCP
-from drivers.trackers.ndi.options import TrackerOptions, parse_options
-from drivers.trackers.ndi.tracker import NdiTracker, connect
-from drivers.trackers.ndi.transport import NetworkLine
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.drivers.io.tcp_line import parse_address
+from probewatch.drivers.trackers.ndi import NDI_TCP
+from probewatch.drivers.trackers.ndi.options import TrackerOptions, parse_options
+from probewatch.drivers.trackers.ndi.tracker import NdiTracker, connect
+from probewatch.drivers.trackers.ndi.transport import NetworkLine
 
 DEFAULT_PORT = 8765
 """TCP port at which a Vega speaks the Combined API."""

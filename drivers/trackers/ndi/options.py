@@ -3,12 +3,12 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from drivers.descriptor import Driver, Given
-from drivers.errors import ConfigurationError
-from drivers.trackers.ndi import NDI
-from drivers.trackers.ndi.identity import ReplyKind
-from drivers.trackers.ndi.tools import RequestedTool, parse_requested_tool
-from drivers.trackers.staleness import DEADLINE_MS
+from probewatch.drivers.descriptor import Driver, Given
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.drivers.trackers.ndi import NDI
+from probewatch.drivers.trackers.ndi.identity import ReplyKind
+from probewatch.drivers.trackers.ndi.tools import RequestedTool, parse_requested_tool
+from probewatch.drivers.trackers.staleness import DEADLINE_MS
 
 _BAUD = 115200
 """What every tracker of these has; a network has none, so that nothing comes of it there."""

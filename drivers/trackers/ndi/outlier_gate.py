@@ -7,7 +7,7 @@ first pose after a gap, is believed when the next reading agrees with it.
 import math
 from dataclasses import dataclass
 
-from drivers.trackers.ndi.replies import Transform
+from probewatch.drivers.trackers.ndi.replies import Transform
 
 _GAP_NS = 250_000_000
 """After a longer one the pose before says nothing of the next: at 2 m/s half a metre lies between. More lets damage

@@ -2,14 +2,14 @@
 
 import random
 
-from drivers.errors import ProtocolError
-from drivers.samples import Stamp
-from drivers.trackers.ndi.exchange import Answer
-from drivers.trackers.ndi.freshness import Freshness
-from drivers.trackers.ndi.link import Link, lost_by_protocol
-from drivers.trackers.ndi.negotiation import Agreed
-from drivers.trackers.ndi.readings import Snapshot
-from drivers.trackers.ndi.wire import RefusedError
+from probewatch.drivers.errors import ProtocolError
+from probewatch.drivers.samples import Stamp
+from probewatch.drivers.trackers.ndi.exchange import Answer
+from probewatch.drivers.trackers.ndi.freshness import Freshness
+from probewatch.drivers.trackers.ndi.link import Link, lost_by_protocol
+from probewatch.drivers.trackers.ndi.negotiation import Agreed
+from probewatch.drivers.trackers.ndi.readings import Snapshot
+from probewatch.drivers.trackers.ndi.wire import RefusedError
 
 _BACKWARD_READINGS = 3
 """Replies in a row with a counter that runs backward that mean a counter started again. Fewer take an old reply come

@@ -3,10 +3,10 @@
 from collections import Counter
 from collections.abc import Callable, Iterator
 
-from drivers.errors import DeviceLost, ProtocolError
-from drivers.trackers.ndi.rom import ToolDefinition, rom_chunks
-from drivers.trackers.ndi.tools import INFORMATION, RequestedTool, Tool, ToolInformation, parse_information
-from drivers.trackers.ndi.wire import RefusedError
+from probewatch.drivers.errors import DeviceLost, ProtocolError
+from probewatch.drivers.trackers.ndi.rom import ToolDefinition, rom_chunks
+from probewatch.drivers.trackers.ndi.tools import INFORMATION, RequestedTool, Tool, ToolInformation, parse_information
+from probewatch.drivers.trackers.ndi.wire import RefusedError
 
 Ask = Callable[[str, str], str]
 """(command, arguments) → text of the reply; raises RefusedError."""

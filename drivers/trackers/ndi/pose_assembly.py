@@ -3,18 +3,18 @@
 import math
 from dataclasses import dataclass
 
-from drivers.clock.monotonic_stamps import MonotonicStamps
-from drivers.rigid import seen_from
-from drivers.samples import Matrix4, Pose, PoseStatus, Stamp
-from drivers.trackers.ndi.exchange import Answer
-from drivers.trackers.ndi.freshness import Freshness
-from drivers.trackers.ndi.negotiation import Agreed
-from drivers.trackers.ndi.outlier_gate import OutlierGate
-from drivers.trackers.ndi.pose_status import StatusReason
-from drivers.trackers.ndi.readings import Reading, Snapshot
-from drivers.trackers.ndi.tools import Tool
-from drivers.trackers.reference_place import ReferencePlace
-from drivers.trackers.witness import WitnessSight
+from probewatch.drivers.clock.monotonic_stamps import MonotonicStamps
+from probewatch.drivers.rigid import seen_from
+from probewatch.drivers.samples import Matrix4, Pose, PoseStatus, Stamp
+from probewatch.drivers.trackers.ndi.exchange import Answer
+from probewatch.drivers.trackers.ndi.freshness import Freshness
+from probewatch.drivers.trackers.ndi.negotiation import Agreed
+from probewatch.drivers.trackers.ndi.outlier_gate import OutlierGate
+from probewatch.drivers.trackers.ndi.pose_status import StatusReason
+from probewatch.drivers.trackers.ndi.readings import Reading, Snapshot
+from probewatch.drivers.trackers.ndi.tools import Tool
+from probewatch.drivers.trackers.reference_place import ReferencePlace
+from probewatch.drivers.trackers.witness import WitnessSight
 
 _FROZEN = "many poses in a row are equal to the last bit"
 

@@ -1,9 +1,9 @@
 """Whether a reported pose may be believed: port status, system status and alerts → PoseStatus and reason."""
 
-from drivers.samples import PoseStatus
-from drivers.trackers.ndi.bx2 import Tool6D
-from drivers.trackers.ndi.replies import HandleState, ToolReply
-from drivers.trackers.ndi.status_text import HARMLESS_ALERTS, alert_text
+from probewatch.drivers.samples import PoseStatus
+from probewatch.drivers.trackers.ndi.bx2 import Tool6D
+from probewatch.drivers.trackers.ndi.replies import HandleState, ToolReply
+from probewatch.drivers.trackers.ndi.status_text import HARMLESS_ALERTS, alert_text
 
 SYSTEM_ALERTS_PENDING = 0x0100
 SYSTEM_PORTS_CHANGED = 0x00C0

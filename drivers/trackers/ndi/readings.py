@@ -9,14 +9,14 @@ from typing import Protocol
 
 import numpy as np
 
-from drivers.errors import ProtocolError
-from drivers.samples import PoseStatus
-from drivers.trackers.marker_geometry import Points
-from drivers.trackers.ndi import bx2
-from drivers.trackers.ndi.bx import decode_bx
-from drivers.trackers.ndi.identity import ReplyKind
-from drivers.trackers.ndi.pose_status import SYSTEM_PORTS_CHANGED, StatusReason, status_of_6d, status_of_tool
-from drivers.trackers.ndi.replies import (
+from probewatch.drivers.errors import ProtocolError
+from probewatch.drivers.samples import PoseStatus
+from probewatch.drivers.trackers.marker_geometry import Points
+from probewatch.drivers.trackers.ndi import bx2
+from probewatch.drivers.trackers.ndi.bx import decode_bx
+from probewatch.drivers.trackers.ndi.identity import ReplyKind
+from probewatch.drivers.trackers.ndi.pose_status import SYSTEM_PORTS_CHANGED, StatusReason, status_of_6d, status_of_tool
+from probewatch.drivers.trackers.ndi.replies import (
     MOST_MARKERS,
     HandleState,
     Markers,
@@ -25,9 +25,9 @@ from drivers.trackers.ndi.replies import (
     ToolReply,
     Transform,
 )
-from drivers.trackers.ndi.status_text import BX2_PORT_EVENTS, bx2_alert_mask
-from drivers.trackers.ndi.tx import decode_tx
-from drivers.trackers.ndi.wire import Command, encode_command
+from probewatch.drivers.trackers.ndi.status_text import BX2_PORT_EVENTS, bx2_alert_mask
+from probewatch.drivers.trackers.ndi.tx import decode_tx
+from probewatch.drivers.trackers.ndi.wire import Command, encode_command
 
 _SHORT = Options.POSE | Options.OUT_OF_VOLUME
 _DETAILED = _SHORT | Options.TOOL_INFORMATION | Options.TOOL_MARKERS | Options.PASSIVE_STRAYS

@@ -4,10 +4,10 @@ import math
 from dataclasses import dataclass
 from enum import Enum, IntEnum
 
-from drivers.errors import ProtocolError
-from drivers.rigid import pose_matrix
-from drivers.samples import Matrix4
-from drivers.trackers.pose_bounds import FURTHEST_MM, UNIT_TOLERANCE
+from probewatch.drivers.errors import ProtocolError
+from probewatch.drivers.rigid import pose_matrix
+from probewatch.drivers.samples import Matrix4
+from probewatch.drivers.trackers.pose_bounds import FURTHEST_MM, UNIT_TOLERANCE
 
 Position = tuple[float, float, float]
 """x, y, z in the tracker's frame, mm."""

@@ -11,11 +11,11 @@ from pathlib import Path
 
 import numpy as np
 
-from drivers.errors import ConfigurationError
-from drivers.files.regular_file import read_bounded
-from drivers.printable import printable_bytes
-from drivers.trackers.marker_geometry import Points
-from drivers.trackers.ndi.replies import MOST_MARKERS
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.drivers.files.regular_file import read_bounded
+from probewatch.drivers.printable import printable_bytes
+from probewatch.drivers.trackers.marker_geometry import Points
+from probewatch.drivers.trackers.ndi.replies import MOST_MARKERS
 
 ROM_BYTES = 752
 CHUNK_BYTES = 64

@@ -2,16 +2,16 @@
 
 from contextlib import suppress
 
-from drivers.clock.host_clock import HostClock
-from drivers.errors import ConfigurationError, DeviceLost, ProtocolError
-from drivers.printable import printable
-from drivers.trackers.ndi.identity import Identity, identity_of
-from drivers.trackers.ndi.link import Link, RebootedError, SilentError, lost_by_protocol, refuse_reset
-from drivers.trackers.ndi.port_handles import PortHandles
-from drivers.trackers.ndi.status_text import BUMPED
-from drivers.trackers.ndi.tools import RequestedTool, Tool
-from drivers.trackers.ndi.transport import FIRST_BAUD
-from drivers.trackers.ndi.wire import Command, RefusedError, decode_text, encode_command
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.errors import ConfigurationError, DeviceLost, ProtocolError
+from probewatch.drivers.printable import printable
+from probewatch.drivers.trackers.ndi.identity import Identity, identity_of
+from probewatch.drivers.trackers.ndi.link import Link, RebootedError, SilentError, lost_by_protocol, refuse_reset
+from probewatch.drivers.trackers.ndi.port_handles import PortHandles
+from probewatch.drivers.trackers.ndi.status_text import BUMPED
+from probewatch.drivers.trackers.ndi.tools import RequestedTool, Tool
+from probewatch.drivers.trackers.ndi.transport import FIRST_BAUD
+from probewatch.drivers.trackers.ndi.wire import Command, RefusedError, decode_text, encode_command
 
 COMM_CODES = {
     9600: "0",

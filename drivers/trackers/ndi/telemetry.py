@@ -2,13 +2,13 @@
 
 from dataclasses import dataclass
 
-from drivers.device_api import Description
-from drivers.samples import Matrix4, PoseStatus
-from drivers.trackers.marker_geometry import MarkerGeometry, Points, in_order, marker_geometry
-from drivers.trackers.ndi.health import Health
-from drivers.trackers.ndi.identity import Identity, ReplyKind
-from drivers.trackers.ndi.readings import MarkerReading, Reading
-from drivers.trackers.ndi.tools import Tool
+from probewatch.drivers.device_api import Description
+from probewatch.drivers.samples import Matrix4, PoseStatus
+from probewatch.drivers.trackers.marker_geometry import MarkerGeometry, Points, in_order, marker_geometry
+from probewatch.drivers.trackers.ndi.health import Health
+from probewatch.drivers.trackers.ndi.identity import Identity, ReplyKind
+from probewatch.drivers.trackers.ndi.readings import MarkerReading, Reading
+from probewatch.drivers.trackers.ndi.tools import Tool
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -3,9 +3,9 @@
 import re
 from dataclasses import dataclass
 
-from drivers.errors import ConfigurationError, ProtocolError
-from drivers.printable import printable
-from drivers.trackers.ndi.rom import ToolDefinition, read_rom
+from probewatch.drivers.errors import ConfigurationError, ProtocolError
+from probewatch.drivers.printable import printable
+from probewatch.drivers.trackers.ndi.rom import ToolDefinition, read_rom
 
 INFORMATION = "0025"
 """Options of PHINF that parse_information reads: type and state, part number, location."""

@@ -4,27 +4,27 @@ Its options are the rows of NDI, in the `__init__.py` of this folder. Without pr
 of freedom is the probe; poses of further tools are in `telemetry`.
 """
 
-from drivers.clock.host_clock import HostClock
-from drivers.closable import Closable
-from drivers.device_api import Description
-from drivers.errors import ConfigurationError, DeviceLost
-from drivers.io.byte_log import ByteLog
-from drivers.samples import MarkerBody, Pose
-from drivers.trackers.ndi.alerts import Alerts
-from drivers.trackers.ndi.exchange import Answer
-from drivers.trackers.ndi.health import HealthWatch
-from drivers.trackers.ndi.link import Link, lost_by_protocol
-from drivers.trackers.ndi.marker_quality import MarkerQuality, worst
-from drivers.trackers.ndi.negotiation import negotiate
-from drivers.trackers.ndi.options import TrackerOptions, parse_options
-from drivers.trackers.ndi.polling import Polling
-from drivers.trackers.ndi.pose_assembly import Bodies, PoseAssembly
-from drivers.trackers.ndi.session import Session
-from drivers.trackers.ndi.telemetry import NdiTelemetry, describe, tool_telemetry
-from drivers.trackers.ndi.tools import choose_probe
-from drivers.trackers.ndi.transport import ByteLine, SerialLine
-from drivers.trackers.ndi.wire import RefusedError
-from drivers.trackers.witness import WitnessSight
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.closable import Closable
+from probewatch.drivers.device_api import Description
+from probewatch.drivers.errors import ConfigurationError, DeviceLost
+from probewatch.drivers.io.byte_log import ByteLog
+from probewatch.drivers.samples import MarkerBody, Pose
+from probewatch.drivers.trackers.ndi.alerts import Alerts
+from probewatch.drivers.trackers.ndi.exchange import Answer
+from probewatch.drivers.trackers.ndi.health import HealthWatch
+from probewatch.drivers.trackers.ndi.link import Link, lost_by_protocol
+from probewatch.drivers.trackers.ndi.marker_quality import MarkerQuality, worst
+from probewatch.drivers.trackers.ndi.negotiation import negotiate
+from probewatch.drivers.trackers.ndi.options import TrackerOptions, parse_options
+from probewatch.drivers.trackers.ndi.polling import Polling
+from probewatch.drivers.trackers.ndi.pose_assembly import Bodies, PoseAssembly
+from probewatch.drivers.trackers.ndi.session import Session
+from probewatch.drivers.trackers.ndi.telemetry import NdiTelemetry, describe, tool_telemetry
+from probewatch.drivers.trackers.ndi.tools import choose_probe
+from probewatch.drivers.trackers.ndi.transport import ByteLine, SerialLine
+from probewatch.drivers.trackers.ndi.wire import RefusedError
+from probewatch.drivers.trackers.witness import WitnessSight
 
 
 def open_tracker(target: str, options: dict[str, str], clock: HostClock) -> "NdiTracker":

@@ -8,10 +8,10 @@ from typing import Protocol
 
 import serial
 
-from drivers.clock.host_clock import HostClock
-from drivers.errors import DeviceLost
-from drivers.io.serial_port import drain, open_serial
-from drivers.io.tcp_line import SEND_S, connect_tcp
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.errors import DeviceLost
+from probewatch.drivers.io.serial_port import drain, open_serial
+from probewatch.drivers.io.tcp_line import SEND_S, connect_tcp
 
 FIRST_BAUD = 9600
 """8N1 at this rate after power-up and after every reset."""

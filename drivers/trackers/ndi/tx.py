@@ -5,8 +5,8 @@ Fixed-width signed decimals: quaternion and error in 1e-4, lengths in 0.01 mm.
 
 import re
 
-from drivers.errors import ProtocolError
-from drivers.trackers.ndi.replies import (
+from probewatch.drivers.errors import ProtocolError
+from probewatch.drivers.trackers.ndi.replies import (
     STRAY_STATES,
     ActiveStray,
     HandleState,
@@ -24,7 +24,7 @@ from drivers.trackers.ndi.replies import (
     outside_flags,
     packed_nibbles,
 )
-from drivers.trackers.ndi.wire import Cursor, decode_text, encode_text
+from probewatch.drivers.trackers.ndi.wire import Cursor, decode_text, encode_text
 
 _DECIMAL = re.compile(rb"[+-][0-9]+")
 _HEX = re.compile(rb"[0-9A-Fa-f]+")

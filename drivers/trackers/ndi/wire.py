@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
-from drivers.errors import ProtocolError
-from drivers.trackers.ndi.status_text import error_text
+from probewatch.drivers.errors import ProtocolError
+from probewatch.drivers.trackers.ndi.status_text import error_text
 
 CR = b"\r"
 PLAIN_START = b"\xc4\xa5"

@@ -3,8 +3,8 @@
 What it says of itself, DRIVERS, is read without importing it (drivers/descriptor.py).
 """
 
-from drivers.descriptor import HOST, Driver, Option, Twin
-from drivers.trackers.staleness import DEADLINE, LATENCY, LOG
+from probewatch.drivers.descriptor import HOST, Driver, Option, Twin
+from probewatch.drivers.trackers.staleness import DEADLINE, LATENCY, LOG
 
 _BODIES = (1, 255)
 """Numbers of rigid bodies: a reply counts them in one byte."""
@@ -13,7 +13,7 @@ _RATES_HZ = (1, 4600)
 
 OPTOTRAK = Driver(
     "optotrak",
-    "drivers.trackers.optotrak.tracker",
+    "probewatch.drivers.trackers.optotrak.tracker",
     "Optotrak 3020, Certus",
     "TCP, RTC3D of First Principles",
     {"tracker": "optotrak://host:3020"},

@@ -4,12 +4,12 @@ import socket
 from contextlib import suppress
 from pathlib import Path
 
-from drivers.clock.host_clock import HostClock
-from drivers.errors import DeviceLost, ProtocolError
-from drivers.io.byte_log import ByteLog
-from drivers.io.tcp_line import SEND_S, connect_tcp
-from drivers.printable import printable
-from drivers.trackers.optotrak.rtc3d import (
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.errors import DeviceLost, ProtocolError
+from probewatch.drivers.io.byte_log import ByteLog
+from probewatch.drivers.io.tcp_line import SEND_S, connect_tcp
+from probewatch.drivers.printable import printable
+from probewatch.drivers.trackers.optotrak.rtc3d import (
     HEADER_BYTES,
     ByteOrder,
     Packet,

@@ -11,10 +11,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum, IntEnum
 
-from drivers.errors import ProtocolError
-from drivers.rigid import pose_matrix
-from drivers.samples import Matrix4
-from drivers.trackers.pose_bounds import FURTHEST_MM, UNIT_TOLERANCE
+from probewatch.drivers.errors import ProtocolError
+from probewatch.drivers.rigid import pose_matrix
+from probewatch.drivers.samples import Matrix4
+from probewatch.drivers.trackers.pose_bounds import FURTHEST_MM, UNIT_TOLERANCE
 
 HEADER_BYTES = 8
 """RTC3D: u32 size, u32 type."""

@@ -9,18 +9,18 @@ from collections import deque
 from dataclasses import dataclass
 from pathlib import Path
 
-from drivers.clock.device_clock import DeviceClock
-from drivers.clock.host_clock import HostClock
-from drivers.clock.monotonic_stamps import MonotonicStamps
-from drivers.closable import Closable
-from drivers.device_api import Description
-from drivers.errors import ConfigurationError, ProtocolError
-from drivers.io.tcp_line import parse_address
-from drivers.rigid import seen_from
-from drivers.samples import MarkerBody, Matrix4, Pose, PoseStatus, Stamp
-from drivers.trackers.optotrak import OPTOTRAK
-from drivers.trackers.optotrak.client import SERVER_REMEDY, Rtc3dClient, error_words
-from drivers.trackers.optotrak.rtc3d import (
+from probewatch.drivers.clock.device_clock import DeviceClock
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.clock.monotonic_stamps import MonotonicStamps
+from probewatch.drivers.closable import Closable
+from probewatch.drivers.device_api import Description
+from probewatch.drivers.errors import ConfigurationError, ProtocolError
+from probewatch.drivers.io.tcp_line import parse_address
+from probewatch.drivers.rigid import seen_from
+from probewatch.drivers.samples import MarkerBody, Matrix4, Pose, PoseStatus, Stamp
+from probewatch.drivers.trackers.optotrak import OPTOTRAK
+from probewatch.drivers.trackers.optotrak.client import SERVER_REMEDY, Rtc3dClient, error_words
+from probewatch.drivers.trackers.optotrak.rtc3d import (
     Body,
     ByteOrder,
     Component,
@@ -32,14 +32,14 @@ from drivers.trackers.optotrak.rtc3d import (
     PacketType,
     Text,
 )
-from drivers.trackers.reference_place import ReferencePlace
-from drivers.trackers.staleness import (
+from probewatch.drivers.trackers.reference_place import ReferencePlace
+from probewatch.drivers.trackers.staleness import (
     DEADLINE_MS,
     FROZEN_READINGS,
     SLOWEST_PERIOD_NS,
     STALE_PERIODS,
 )
-from drivers.trackers.witness import WitnessSight
+from probewatch.drivers.trackers.witness import WitnessSight
 
 PORT = 3020
 """TCP port of the RTC3D server of First Principles."""

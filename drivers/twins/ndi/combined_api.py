@@ -6,18 +6,18 @@ No line, no process and no waiting here: `answer(line, t_s)` takes one request a
 from collections.abc import Callable, Mapping
 from enum import Enum
 
-from drivers.errors import ProtocolError
-from drivers.trackers.ndi import bx2
-from drivers.trackers.ndi.bx import encode_bx
-from drivers.trackers.ndi.replies import TrackingReply
-from drivers.trackers.ndi.rom import definition_of
-from drivers.trackers.ndi.tx import encode_tx
-from drivers.trackers.ndi.wire import Command, decode_command, encode_text
-from drivers.twins.ndi.measurement import Measurement, faults_of, measure
-from drivers.twins.ndi.models import SPECTRA, Model
-from drivers.twins.ndi.port_handles import Port, PortHandles, RefuseError
-from drivers.twins.ndi.tracking_replies import Measured, bx2_frame, bx2_options, tracking_reply
-from drivers.twins.tool_motion import PoseAt
+from probewatch.drivers.errors import ProtocolError
+from probewatch.drivers.trackers.ndi import bx2
+from probewatch.drivers.trackers.ndi.bx import encode_bx
+from probewatch.drivers.trackers.ndi.replies import TrackingReply
+from probewatch.drivers.trackers.ndi.rom import definition_of
+from probewatch.drivers.trackers.ndi.tx import encode_tx
+from probewatch.drivers.trackers.ndi.wire import Command, decode_command, encode_text
+from probewatch.drivers.twins.ndi.measurement import Measurement, faults_of, measure
+from probewatch.drivers.twins.ndi.models import SPECTRA, Model
+from probewatch.drivers.twins.ndi.port_handles import Port, PortHandles, RefuseError
+from probewatch.drivers.twins.ndi.tracking_replies import Measured, bx2_frame, bx2_options, tracking_reply
+from probewatch.drivers.twins.tool_motion import PoseAt
 
 BUMPED, TOO_HOT, PTP_LOST = 0x200000, 0x20000000, 0x80000000
 """Bits of the alert masks; PTP_LOST is none on the wire, where only BX2 has a code for it."""

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from drivers.samples import Matrix4
-from drivers.trackers.marker_geometry import Points, marker_geometry
-from drivers.trackers.ndi.replies import MOST_MARKERS, Markers, Position, ToolInformation, Transform
-from drivers.twins.faults import pose_time_s, spoil_pose, spoil_witness
-from drivers.twins.scene.metal import near_metal
-from drivers.twins.tool_motion import PROBE, PoseAt, on_probe
+from probewatch.drivers.samples import Matrix4
+from probewatch.drivers.trackers.marker_geometry import Points, marker_geometry
+from probewatch.drivers.trackers.ndi.replies import MOST_MARKERS, Markers, Position, ToolInformation, Transform
+from probewatch.drivers.twins.faults import pose_time_s, spoil_pose, spoil_witness
+from probewatch.drivers.twins.scene.metal import near_metal
+from probewatch.drivers.twins.tool_motion import PROBE, PoseAt, on_probe
 
 TOOL_FAULTS = (
     "bend-marker",

@@ -4,11 +4,11 @@ import struct
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from drivers.trackers.ndi.rom import CHUNK_BYTES, ROM_BYTES, definition_of, rom_sum
-from drivers.twins.ndi.tool_definitions import PROBE as PROBE_TYPE
-from drivers.twins.ndi.tool_definitions import REFERENCE as REFERENCE_TYPE
-from drivers.twins.ndi.tool_definitions import make_rom
-from drivers.twins.tool_motion import PROBE, REFERENCE
+from probewatch.drivers.trackers.ndi.rom import CHUNK_BYTES, ROM_BYTES, definition_of, rom_sum
+from probewatch.drivers.twins.ndi.tool_definitions import PROBE as PROBE_TYPE
+from probewatch.drivers.twins.ndi.tool_definitions import REFERENCE as REFERENCE_TYPE
+from probewatch.drivers.twins.ndi.tool_definitions import make_rom
+from probewatch.drivers.twins.tool_motion import PROBE, REFERENCE
 
 WIRED_TOOLS = ("probe", "reference", "dual", "unprogrammed")
 """What may hang on a cable; a dual tool is two sensors of five degrees of freedom behind one plug."""

@@ -2,7 +2,7 @@
 
 import struct
 
-from drivers.trackers.ndi.rom import ROM_BYTES, rom_sum
+from probewatch.drivers.trackers.ndi.rom import ROM_BYTES, rom_sum
 
 REFERENCE, PROBE = 0x01, 0x02
 """Combined API: main types of tools."""

@@ -4,14 +4,14 @@ from collections.abc import Callable
 from contextlib import suppress
 from threading import Event
 
-from drivers.clock.host_clock import HostClock
-from drivers.io.serial_port import BITS_PER_BYTE
-from drivers.trackers.ndi.wire import encode_text
-from drivers.twins.events import Events
-from drivers.twins.fault_control import FaultControl
-from drivers.twins.ndi.combined_api import BUMPED, PTP_LOST, TOO_HOT, CombinedApi
-from drivers.twins.ndi.measurement import TOOL_FAULTS
-from drivers.twins.pty_line import IDLE_S, TwinLine
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.io.serial_port import BITS_PER_BYTE
+from probewatch.drivers.trackers.ndi.wire import encode_text
+from probewatch.drivers.twins.events import Events
+from probewatch.drivers.twins.fault_control import FaultControl
+from probewatch.drivers.twins.ndi.combined_api import BUMPED, PTP_LOST, TOO_HOT, CombinedApi
+from probewatch.drivers.twins.ndi.measurement import TOOL_FAULTS
+from probewatch.drivers.twins.pty_line import IDLE_S, TwinLine
 
 BOOT_S = 1.0
 """Seconds for which a restart leaves it deaf. Programs allow real devices 0.5 to 7 s; more makes tests longer."""

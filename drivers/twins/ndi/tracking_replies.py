@@ -2,10 +2,10 @@
 
 import re
 
-from drivers.clock.counter_clock import COUNTS
-from drivers.trackers.ndi import bx2
-from drivers.trackers.ndi.replies import ActiveStray, HandleState, Markers, Options, ToolReply, TrackingReply
-from drivers.twins.ndi.measurement import Measurement
+from probewatch.drivers.clock.counter_clock import COUNTS
+from probewatch.drivers.trackers.ndi import bx2
+from probewatch.drivers.trackers.ndi.replies import ActiveStray, HandleState, Markers, Options, ToolReply, TrackingReply
+from probewatch.drivers.twins.ndi.measurement import Measurement
 
 READY = 0x31
 _PASSIVE, _MAGNETIC = 2, 7

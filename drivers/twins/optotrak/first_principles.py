@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from drivers.samples import Matrix4
-from drivers.trackers.optotrak.rtc3d import (
+from probewatch.drivers.samples import Matrix4
+from probewatch.drivers.trackers.optotrak.rtc3d import (
     Body,
     ByteOrder,
     Component,
@@ -25,8 +25,8 @@ from drivers.trackers.optotrak.rtc3d import (
     PacketType,
     Text,
 )
-from drivers.twins.faults import pose_time_s, spoil_pose, spoil_witness
-from drivers.twins.tool_motion import PROBE, REFERENCE, PoseAt, on_probe
+from probewatch.drivers.twins.faults import pose_time_s, spoil_pose, spoil_witness
+from probewatch.drivers.twins.tool_motion import PROBE, REFERENCE, PoseAt, on_probe
 
 _RMS_MM, _DRIFTED_RMS_MM = 0.21, 1.4
 """Fit of a rigid body, whole and with the marker moved: well below and above the limit, 0.75 mm (docs/trackers.md)."""

@@ -8,8 +8,8 @@ from dataclasses import replace
 from math import floor
 from threading import Event
 
-from drivers.clock.host_clock import HostClock
-from drivers.trackers.optotrak.rtc3d import (
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.trackers.optotrak.rtc3d import (
     HEADER_BYTES,
     ByteOrder,
     Component,
@@ -23,10 +23,10 @@ from drivers.trackers.optotrak.rtc3d import (
     encode_packet,
     packet_length,
 )
-from drivers.twins.events import Events
-from drivers.twins.fault_control import FaultControl
-from drivers.twins.optotrak.first_principles import Device, Session
-from drivers.twins.tcp_server import ListeningTwin, TcpServer
+from probewatch.drivers.twins.events import Events
+from probewatch.drivers.twins.fault_control import FaultControl
+from probewatch.drivers.twins.optotrak.first_principles import Device, Session
+from probewatch.drivers.twins.tcp_server import ListeningTwin, TcpServer
 
 FAULTS = (
     "bend-marker",

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drivers.rigid import Array
-from drivers.samples import Matrix4
-from drivers.twins.scene.tissue import Floats
+from probewatch.drivers.rigid import Array
+from probewatch.drivers.samples import Matrix4
+from probewatch.drivers.twins.scene.tissue import Floats
 
 RIB_DEPTH_MM, RIB_HALF_WIDTH_MM, RIB_HALF_THICK_MM = 8.0, 2.5, 1.5
 """Depth and size of a rib at the surface at rest, across and along the beam: under the skin of a thin person. Not

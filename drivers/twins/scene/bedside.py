@@ -4,14 +4,14 @@ from collections.abc import Collection
 
 import numpy as np
 
-from drivers.errors import ConfigurationError
-from drivers.rigid import Array
-from drivers.samples import GreyImage, Matrix4
-from drivers.twins.scene.patient import Patient
-from drivers.twins.scene.processing import ProcessingScanner
-from drivers.twins.scene.softness import dragged
-from drivers.twins.scene.surroundings import Surroundings, surroundings
-from drivers.twins.scene.world import World, WorldSettings
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.drivers.rigid import Array
+from probewatch.drivers.samples import GreyImage, Matrix4
+from probewatch.drivers.twins.scene.patient import Patient
+from probewatch.drivers.twins.scene.processing import ProcessingScanner
+from probewatch.drivers.twins.scene.softness import dragged
+from probewatch.drivers.twins.scene.surroundings import Surroundings, surroundings
+from probewatch.drivers.twins.scene.world import World, WorldSettings
 
 _HISTORY_HZ = 120.0
 """At which the way of the face is followed between pictures: a third of a millimetre at 40 mm/s. More costs time."""

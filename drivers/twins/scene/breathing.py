@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from drivers.rigid import Array
+from probewatch.drivers.rigid import Array
 
 _BREATH_HZ, _JITTER = 0.25, 0.1
 """Rate of quiet breathing, and how much period and depth of one breath differ from the next (standard deviation)."""

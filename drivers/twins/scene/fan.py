@@ -5,10 +5,10 @@ from math import ceil
 import cv2
 import numpy as np
 
-from drivers.rigid import Array
-from drivers.samples import Matrix4
-from drivers.twins.scene.geometry import Geometry
-from drivers.twins.scene.tissue import PERIOD_MM, STEP_MM, Beam, Complexes, Floats, Renderer, turned
+from probewatch.drivers.rigid import Array
+from probewatch.drivers.samples import Matrix4
+from probewatch.drivers.twins.scene.geometry import Geometry
+from probewatch.drivers.twins.scene.tissue import PERIOD_MM, STEP_MM, Beam, Complexes, Floats, Renderer, turned
 
 FAN_BEAM = Beam(lateral_mm=0.505, axial_mm=0.2, carrier_rad_per_mm=28.6)
 """3.5 MHz, as convex probes have. Lateral half way down. At 5 MHz the carrier would turn faster across a beam 28° off

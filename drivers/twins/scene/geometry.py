@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drivers.rigid import Array
-from drivers.twins.scene.anatomy import Beams
+from probewatch.drivers.rigid import Array
+from probewatch.drivers.twins.scene.anatomy import Beams
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ Presence 7(2), 1998). Here it pushes the pose away from the metal and tips it ov
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from drivers.samples import Matrix4
+from probewatch.drivers.samples import Matrix4
 
 PLACE_MM = (70.0, -60.0, 75.0)
 """Place of the metal, from where the probe is when it comes; tracker frame."""

@@ -5,15 +5,24 @@ from functools import cached_property, reduce
 
 import numpy as np
 
-from drivers.rigid import Array
-from drivers.samples import Matrix4
-from drivers.twins.scene.anatomy import RIBS_MM, Beams, needle, off_the_skin, peeled, rib_place, ringing, shadowed
-from drivers.twins.scene.breathing import DIRECTIONS, Rhythm
-from drivers.twins.scene.geometry import Geometry
-from drivers.twins.scene.sight import Sight
-from drivers.twins.scene.softness import Face, displacement
-from drivers.twins.scene.surroundings import Surroundings
-from drivers.twins.scene.tissue import Displacement, Floats
+from probewatch.drivers.rigid import Array
+from probewatch.drivers.samples import Matrix4
+from probewatch.drivers.twins.scene.anatomy import (
+    RIBS_MM,
+    Beams,
+    needle,
+    off_the_skin,
+    peeled,
+    rib_place,
+    ringing,
+    shadowed,
+)
+from probewatch.drivers.twins.scene.breathing import DIRECTIONS, Rhythm
+from probewatch.drivers.twins.scene.geometry import Geometry
+from probewatch.drivers.twins.scene.sight import Sight
+from probewatch.drivers.twins.scene.softness import Face, displacement
+from probewatch.drivers.twins.scene.surroundings import Surroundings
+from probewatch.drivers.twins.scene.tissue import Displacement, Floats
 
 _ASIDE_MM = 5.0
 """At most, by which tissue gives way from somewhere else than the middle of the face: a patient is rounder on one side.

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from drivers.samples import GreyImage
-from drivers.twins.scene.tissue import Floats
+from probewatch.drivers.samples import GreyImage
+from probewatch.drivers.twins.scene.tissue import Floats
 
 _SMOOTH_PX, _SMOOTH_GREYS, _SMOOTH_SIGMA_PX = 5, 30.0, 1.5
 """Parameters of the bilateral filter: width, how different in grey a neighbour may be to count in full, and reach. A

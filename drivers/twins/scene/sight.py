@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from drivers.twins.scene.tissue import Displacement, Floats
+from probewatch.drivers.twins.scene.tissue import Displacement, Floats
 
 
 @dataclass(frozen=True, slots=True)

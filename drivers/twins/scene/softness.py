@@ -19,7 +19,7 @@ from math import hypot, inf
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.rigid import Array
+from probewatch.drivers.rigid import Array
 
 DRAG_DEPTH_MM = 12.0
 """a₂: over which the drag of the skin falls to a third. Half as much leaves it to the upper quarter of a picture, twice

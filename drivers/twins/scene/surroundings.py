@@ -3,10 +3,10 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
-from drivers.errors import ConfigurationError
-from drivers.twins.scene.breathing import DIRECTIONS
-from drivers.twins.scene.processing import Processing
-from drivers.twins.scene.softness import Follow
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.drivers.twins.scene.breathing import DIRECTIONS
+from probewatch.drivers.twins.scene.processing import Processing
+from probewatch.drivers.twins.scene.softness import Follow
 
 
 @dataclass(frozen=True, slots=True)

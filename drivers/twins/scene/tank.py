@@ -3,8 +3,8 @@
 from collections.abc import Collection
 from pathlib import Path
 
-from drivers.samples import GreyImage, Matrix4
-from drivers.twins.scene.world import World, WorldSettings
+from probewatch.drivers.samples import GreyImage, Matrix4
+from probewatch.drivers.twins.scene.world import World, WorldSettings
 
 _LOOK_EVERY_S = 0.05
 """World seconds between two looks at the file, as of drivers.twins.fault_control."""

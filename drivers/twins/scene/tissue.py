@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from drivers.rigid import Array
-from drivers.samples import Matrix4
+from probewatch.drivers.rigid import Array
+from probewatch.drivers.samples import Matrix4
 
 Floats = NDArray[np.float32]
 Complexes = NDArray[np.complex64]

@@ -10,8 +10,8 @@ from math import pi, radians, sin
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from drivers.errors import ConfigurationError
-from drivers.samples import Matrix4
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.drivers.samples import Matrix4
 
 _AXES = ("lateral_mm", "axial_mm", "elevational_mm", "tilt_lateral_deg", "tilt_axial_deg", "turn_deg")
 

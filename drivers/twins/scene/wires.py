@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from drivers.samples import Matrix4
-from drivers.twins.scene.tissue import Beam, Floats
+from probewatch.drivers.samples import Matrix4
+from probewatch.drivers.twins.scene.tissue import Beam, Floats
 
 _STRENGTH = 300.0
 """Intensity of a wire over that of plain tissue: 25 dB, so that a 60 dB picture shows it near white."""

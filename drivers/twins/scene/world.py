@@ -9,16 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from drivers.errors import ConfigurationError
-from drivers.samples import GreyImage, Matrix4
-from drivers.twins.faults import ZOOM, spoil_image, zoom
-from drivers.twins.scene.fan import FanRenderer
-from drivers.twins.scene.geometry import Geometry
-from drivers.twins.scene.sight import Sight
-from drivers.twins.scene.surroundings import Surroundings
-from drivers.twins.scene.tissue import PERIOD_MM, Beam, Floats, Renderer, Tissue, grown
-from drivers.twins.scene.trajectory import Trajectory
-from drivers.twins.scene.wires import Clutter, wire_intensity
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.drivers.samples import GreyImage, Matrix4
+from probewatch.drivers.twins.faults import ZOOM, spoil_image, zoom
+from probewatch.drivers.twins.scene.fan import FanRenderer
+from probewatch.drivers.twins.scene.geometry import Geometry
+from probewatch.drivers.twins.scene.sight import Sight
+from probewatch.drivers.twins.scene.surroundings import Surroundings
+from probewatch.drivers.twins.scene.tissue import PERIOD_MM, Beam, Floats, Renderer, Tissue, grown
+from probewatch.drivers.twins.scene.trajectory import Trajectory
+from probewatch.drivers.twins.scene.wires import Clutter, wire_intensity
 
 SCENES = ("tissue", "speckle", "cross-wire")
 

@@ -7,7 +7,7 @@ compiler's. Names are the kernel's without the prefix v4l2_.
 from ctypes import Array, LittleEndianStructure, Structure, c_int, c_int64, c_long, c_uint8, c_uint32, c_uint64, sizeof
 from typing import ClassVar
 
-from drivers.printable import printable, printable_bytes
+from probewatch.drivers.printable import printable, printable_bytes
 
 _WRITE, _READ = 1, 2
 """Linux, asm-generic/ioctl.h: direction bits of a request number."""

@@ -6,12 +6,12 @@ import re
 from ctypes import c_int
 from dataclasses import dataclass
 
-from drivers.descriptor import Given
-from drivers.errors import DeviceLost
-from drivers.video.crop import LEAST_PX
-from drivers.video.v4l2 import abi
-from drivers.video.v4l2.node import Node
-from drivers.video.v4l2.pixels import FORMATS
+from probewatch.drivers.descriptor import Given
+from probewatch.drivers.errors import DeviceLost
+from probewatch.drivers.video.crop import LEAST_PX
+from probewatch.drivers.video.v4l2 import abi
+from probewatch.drivers.video.v4l2.node import Node
+from probewatch.drivers.video.v4l2.pixels import FORMATS
 
 _SIZE = re.compile(r"(\d{2,5})x(\d{2,5})")
 _SIDES_PX = range(LEAST_PX, 8193)

@@ -6,7 +6,7 @@ import os
 from ctypes import Structure, c_int
 from pathlib import Path
 
-from drivers.errors import DeviceLost
+from probewatch.drivers.errors import DeviceLost
 
 _CABLE = "Check the grabber's plug"
 _WORDS = {

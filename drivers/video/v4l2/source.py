@@ -9,19 +9,19 @@ from contextlib import ExitStack
 
 import numpy as np
 
-from drivers.clock.host_clock import HostClock
-from drivers.closable import Closable
-from drivers.device_api import Description
-from drivers.errors import ConfigurationError
-from drivers.samples import Frame, GreyImage, Stamp
-from drivers.video import V4L2
-from drivers.video.crop import Cut, cut_from
-from drivers.video.v4l2 import abi
-from drivers.video.v4l2.negotiation import RequestedFormat, negotiate, requested_from, require_signal
-from drivers.video.v4l2.node import Node
-from drivers.video.v4l2.pixels import BrokenPicture, Bytes, grey
-from drivers.video.v4l2.stamps import Counter, FrameTimes
-from drivers.video.v4l2.stream import Filled, Stream
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.closable import Closable
+from probewatch.drivers.device_api import Description
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.drivers.samples import Frame, GreyImage, Stamp
+from probewatch.drivers.video import V4L2
+from probewatch.drivers.video.crop import Cut, cut_from
+from probewatch.drivers.video.v4l2 import abi
+from probewatch.drivers.video.v4l2.negotiation import RequestedFormat, negotiate, requested_from, require_signal
+from probewatch.drivers.video.v4l2.node import Node
+from probewatch.drivers.video.v4l2.pixels import BrokenPicture, Bytes, grey
+from probewatch.drivers.video.v4l2.stamps import Counter, FrameTimes
+from probewatch.drivers.video.v4l2.stream import Filled, Stream
 
 _ASK_AGAIN_NS = 500_000_000
 """Between questions for the signal: docs/devices.md promises its loss within half a second. Rarer questions

@@ -7,9 +7,9 @@ latency inside the scanner cannot be seen from here; the line estimates it.
 
 from dataclasses import dataclass
 
-from drivers.clock.monotonic_stamps import MonotonicStamps
-from drivers.samples import Stamp
-from drivers.video.v4l2 import abi
+from probewatch.drivers.clock.monotonic_stamps import MonotonicStamps
+from probewatch.drivers.samples import Stamp
+from probewatch.drivers.video.v4l2 import abi
 
 _SLACK_NS = 200_000
 """What the interrupt and the driver add before the stamp is taken."""

@@ -13,10 +13,10 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.errors import DeviceLost
-from drivers.video.v4l2 import abi
-from drivers.video.v4l2.negotiation import current_input, require_signal
-from drivers.video.v4l2.node import Node
+from probewatch.drivers.errors import DeviceLost
+from probewatch.drivers.video.v4l2 import abi
+from probewatch.drivers.video.v4l2.negotiation import current_input, require_signal
+from probewatch.drivers.video.v4l2.node import Node
 
 _BUFFERS, _LEAST_BUFFERS = 4, 2
 """Asked for, and enough: one to be filled while another is read. Each more lets this host be away for one picture

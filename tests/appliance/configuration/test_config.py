@@ -9,16 +9,16 @@ from types import SimpleNamespace
 
 import pytest
 
-from appliance.configuration import toml_lines
-from appliance.configuration.config import SupervisorTimes, load_config
-from appliance.configuration.mistakes import Mistakes
-from appliance.configuration.toml_lines import key_lines, line_of
-from appliance.limits import Limits
-from appliance.supervision.policy import Durations
-from appliance.supervision.watchers.device_health import Timeouts
-from appliance.types import PARAMETERS
-from drivers.errors import ConfigurationError
-from drivers.registry import device_kinds, drivers
+from probewatch.appliance.configuration import toml_lines
+from probewatch.appliance.configuration.config import SupervisorTimes, load_config
+from probewatch.appliance.configuration.mistakes import Mistakes
+from probewatch.appliance.configuration.toml_lines import key_lines, line_of
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.supervision.policy import Durations
+from probewatch.appliance.supervision.watchers.device_health import Timeouts
+from probewatch.appliance.types import PARAMETERS
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.drivers.registry import device_kinds, drivers
 
 TRACKERS = ", ".join(f"{scheme}:" for scheme in sorted(drivers()) if "tracker" in device_kinds(f"{scheme}:x"))
 EXAMPLE = Path(__file__).parents[3] / "config" / "probewatch.toml"

@@ -4,13 +4,13 @@ from pathlib import Path
 
 import pytest
 
-from appliance.configuration.config import load_config
-from appliance.configuration.noise_file import LearnedFrom, LearnedNoise, judged_by, read_noise, write_noise
-from appliance.limits import MOST_NAMED_NATS, NAMED_NATS, Limits
-from appliance.service.control.status import noise_fields
-from drivers.errors import ConfigurationError
+from probewatch.appliance.configuration.config import load_config
+from probewatch.appliance.configuration.noise_file import LearnedFrom, LearnedNoise, judged_by, read_noise, write_noise
+from probewatch.appliance.limits import MOST_NAMED_NATS, NAMED_NATS, Limits
+from probewatch.appliance.service.control.status import noise_fields
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.tools.commands.check import mistakes_in
 from tests.appliance.configuration.test_config import GOOD, refusal, written
-from tools.commands.check import mistakes_in
 
 NAMED = GOOD + '[noise]\nfile = "noise.toml"\n'
 LINE = NAMED.splitlines().index('file = "noise.toml"') + 1

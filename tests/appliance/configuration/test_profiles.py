@@ -7,19 +7,19 @@ from typing import Any
 
 import pytest
 
-from appliance.configuration.config import load_config
-from appliance.configuration.noise_file import write_noise
-from appliance.core.estimator_settings import EstimatorSettings
-from appliance.core.exact_fields import settings_fields, settings_of
-from appliance.core.parameters import QUANTITIES, never_shown
-from appliance.core.quality.check_fields import limits_fields
-from appliance.limits import PROFILES, Limits, RequiredAges
-from appliance.types import Fault
-from drivers.errors import ConfigurationError
+from probewatch.appliance.configuration.config import load_config
+from probewatch.appliance.configuration.noise_file import write_noise
+from probewatch.appliance.core.estimator_settings import EstimatorSettings
+from probewatch.appliance.core.exact_fields import settings_fields, settings_of
+from probewatch.appliance.core.parameters import QUANTITIES, never_shown
+from probewatch.appliance.core.quality.check_fields import limits_fields
+from probewatch.appliance.limits import PROFILES, Limits, RequiredAges
+from probewatch.appliance.types import Fault
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.tools.shared.profile_text import is_usual, profile_text
 from tests.appliance.configuration.test_config import GOOD, refusal, written
 from tests.appliance.configuration.test_noise_file import NAMED, learned
 from tests.appliance.storage.test_calibration_file import calibration
-from tools.shared.profile_text import is_usual, profile_text
 
 BEFORE = {
     "rotation_deg": 3.0, "scale_percent": 5.0, "offset_mm": 4.0, "latency_ms": 60.0, "frozen_ms": 500.0,

@@ -4,14 +4,14 @@ from functools import cache
 
 import pytest
 
-from appliance.core.line import Line
-from appliance.types import Verdict, VerdictKind
-from drivers.samples import Frame, GreyImage
-from drivers.twins.scene.processing import Processing, ProcessingScanner
+from probewatch.appliance.core.line import Line
+from probewatch.appliance.types import Verdict, VerdictKind
+from probewatch.drivers.samples import Frame, GreyImage
+from probewatch.drivers.twins.scene.processing import Processing, ProcessingScanner
+from probewatch.tools.study.hazard import Hazard
+from probewatch.tools.study.samples import Conditions, frame_times, samples
+from probewatch.tools.study.session import Session
 from tests.support.verdicts import faults
-from tools.study.hazard import Hazard
-from tools.study.samples import Conditions, frame_times, samples
-from tools.study.session import Session
 
 SHARES = (0.3, 0.5, 0.7)
 THOROUGH = pytest.mark.thorough

@@ -13,10 +13,11 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from appliance.core.detectors.picture_change import flip_or_zoom_of
-from appliance.core.detectors.picture_link import small
-from appliance.storage.calibration_file import write_calibration
-from drivers.recordings.metaimage_writing import SequenceItem, write_metaimage
+from probewatch.appliance.core.detectors.picture_change import flip_or_zoom_of
+from probewatch.appliance.core.detectors.picture_link import small
+from probewatch.appliance.storage.calibration_file import write_calibration
+from probewatch.drivers.recordings.metaimage_writing import SequenceItem, write_metaimage
+from probewatch.tools.commands.replay import command
 from tests.support.foreign_scanner import (
     CONVEX,
     LINEAR,
@@ -29,7 +30,6 @@ from tests.support.foreign_scanner import (
     pictures,
     scanned,
 )
-from tools.commands.replay import command
 
 BREAK_S, END_S = 8.3, 10.4
 DEPTH = Change(zoom=(1.3, 1.3))

@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from appliance.core.line import Line
-from appliance.core.path.blocks import PARTS
-from appliance.core.path.noise import Habit, Noise
-from appliance.limits import Limits, RequiredAges
-from appliance.types import PARAMETERS, Check, Fault, VerdictKind
-from drivers.samples import Frame, GreyImage, Pose, PoseStatus, Sample, Stamp
+from probewatch.appliance.core.line import Line
+from probewatch.appliance.core.path.blocks import PARTS
+from probewatch.appliance.core.path.noise import Habit, Noise
+from probewatch.appliance.limits import Limits, RequiredAges
+from probewatch.appliance.types import PARAMETERS, Check, Fault, VerdictKind
+from probewatch.drivers.samples import Frame, GreyImage, Pose, PoseStatus, Sample, Stamp
 from tests.appliance.core.test_line import SMALL, truth
 from tests.support.sessions import kept
 

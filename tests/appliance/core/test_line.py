@@ -7,19 +7,19 @@ import cv2
 import numpy as np
 import pytest
 
-from appliance.core.detectors.detector import Detector
-from appliance.core.line import Line
-from appliance.core.path.window import PathWindow
-from appliance.limits import Limits
-from appliance.storage.image_to_probe import calibration_from_image_to_probe
-from appliance.supervision.supervisor import Durations, Inputs, Supervisor
-from appliance.types import Calibration, Check, Fault, State, Verdict, VerdictKind
-from drivers.rigid import vector_from_rotation
-from drivers.samples import Frame, Pose, PoseStatus, Stamp
-from drivers.twins.faults import Episode, Schedule
-from drivers.twins.scene.world import World, WorldSettings
+from probewatch.appliance.core.detectors.detector import Detector
+from probewatch.appliance.core.line import Line
+from probewatch.appliance.core.path.window import PathWindow
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.storage.image_to_probe import calibration_from_image_to_probe
+from probewatch.appliance.supervision.supervisor import Durations, Inputs, Supervisor
+from probewatch.appliance.types import Calibration, Check, Fault, State, Verdict, VerdictKind
+from probewatch.drivers.rigid import vector_from_rotation
+from probewatch.drivers.samples import Frame, Pose, PoseStatus, Stamp
+from probewatch.drivers.twins.faults import Episode, Schedule
+from probewatch.drivers.twins.scene.world import World, WorldSettings
+from probewatch.tools.demo.script import FAULT_CLASS
 from tests.support.sessions import ORIGIN_NS, SWEPT, kept, session
-from tools.demo.script import FAULT_CLASS
 
 SMALL = WorldSettings(width_px=400, height_px=300, scale_mm_per_px=(0.09, 0.08))
 

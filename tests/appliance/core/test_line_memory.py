@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from appliance.core.line import Line
-from appliance.limits import Limits
-from appliance.storage.image_to_probe import calibration_from_image_to_probe
-from drivers.samples import Frame, Sample, Stamp
-from drivers.twins.scene.world import World
+from probewatch.appliance.core.line import Line
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.storage.image_to_probe import calibration_from_image_to_probe
+from probewatch.drivers.samples import Frame, Sample, Stamp
+from probewatch.drivers.twins.scene.world import World
 from tests.support.rendered import SMALL
 from tests.support.sessions import session
 

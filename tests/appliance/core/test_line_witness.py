@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from appliance.core.line import Line
-from appliance.limits import Limits
-from appliance.types import Fault, Verdict, VerdictKind
-from drivers.rigid import rigid, rotation_from_vector
-from drivers.samples import Matrix4, Pose, Sample
-from drivers.twins.faults import Schedule, spoil_pose
+from probewatch.appliance.core.line import Line
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.types import Fault, Verdict, VerdictKind
+from probewatch.drivers.rigid import rigid, rotation_from_vector
+from probewatch.drivers.samples import Matrix4, Pose, Sample
+from probewatch.drivers.twins.faults import Schedule, spoil_pose
 from tests.appliance.core.test_line import SMALL, truth
 from tests.support.sessions import ORIGIN_NS, kept, session
 

@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import pytest
 
-from appliance.core.line import Line
-from appliance.storage.image_to_probe import calibration_from_image_to_probe
-from appliance.types import Fault, Verdict, VerdictKind
-from drivers.samples import Pose
-from drivers.twins.scene.metal import near_metal
-from drivers.twins.scene.world import WorldSettings
+from probewatch.appliance.core.line import Line
+from probewatch.appliance.storage.image_to_probe import calibration_from_image_to_probe
+from probewatch.appliance.types import Fault, Verdict, VerdictKind
+from probewatch.drivers.samples import Pose
+from probewatch.drivers.twins.scene.metal import near_metal
+from probewatch.drivers.twins.scene.world import WorldSettings
 from tests.support.sessions import ORIGIN_NS, SWEPT, kept, session
 
 THOROUGH, SLOW = pytest.mark.thorough, pytest.mark.slow

@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 from hypothesis import given
 
-from appliance.core.line import Line
-from appliance.core.motion import analyse, predicted_motion, quick, sort_motion, wants_keyframe
-from appliance.core.registration.keyframe import Registration
-from appliance.core.registration.realtime_tracker import Tracked
-from appliance.limits import Limits
-from appliance.types import Motion, MotionKind, StampedPair
-from drivers.rigid import inverse, rigid, rotation_from_vector, vector_from_rotation
-from drivers.samples import Frame, Matrix4, Stamp
-from drivers.twins.scene.trajectory import PROGRAMS
+from probewatch.appliance.core.line import Line
+from probewatch.appliance.core.motion import analyse, predicted_motion, quick, sort_motion, wants_keyframe
+from probewatch.appliance.core.registration.keyframe import Registration
+from probewatch.appliance.core.registration.realtime_tracker import Tracked
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.types import Motion, MotionKind, StampedPair
+from probewatch.drivers.rigid import inverse, rigid, rotation_from_vector, vector_from_rotation
+from probewatch.drivers.samples import Frame, Matrix4, Stamp
+from probewatch.drivers.twins.scene.trajectory import PROGRAMS
 from tests.drivers.test_rigid import poses
 from tests.support.motions import TRUTH
 from tests.support.rendered import SMALL

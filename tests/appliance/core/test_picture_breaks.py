@@ -7,14 +7,14 @@ from itertools import product
 
 import pytest
 
-from appliance.core.line import Line
-from appliance.supervision.timeline import Timeline
-from appliance.types import State
-from drivers.samples import Frame, GreyImage
+from probewatch.appliance.core.line import Line
+from probewatch.appliance.supervision.timeline import Timeline
+from probewatch.appliance.types import State
+from probewatch.drivers.samples import Frame, GreyImage
+from probewatch.tools.study.outcome import closed_share
+from probewatch.tools.study.samples import Conditions, rendered, samples, stamp_ns
+from probewatch.tools.study.session import Session
 from tests.support.picture_breaks import BREAKS, Break, Other, faded
-from tools.study.outcome import closed_share
-from tools.study.samples import Conditions, rendered, samples, stamp_ns
-from tools.study.session import Session
 
 FPS, BREAKS_S, OPEN_WITHIN_S, ENDS_S = 30, 8.0, 1.0, 11.0
 """The gesture has ended two seconds before."""

@@ -2,13 +2,13 @@
 
 import pytest
 
-from appliance.core.line import Line
-from appliance.limits import Limits
-from appliance.types import Verdict, VerdictKind
-from tools.study.hazard import Hazard
-from tools.study.point import errors_mm, places_mm
-from tools.study.samples import Conditions, rendered, samples, seconds
-from tools.study.session import Session
+from probewatch.appliance.core.line import Line
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.types import Verdict, VerdictKind
+from probewatch.tools.study.hazard import Hazard
+from probewatch.tools.study.point import errors_mm, places_mm
+from probewatch.tools.study.samples import Conditions, rendered, samples, seconds
+from probewatch.tools.study.session import Session
 
 CONDITIONS = Conditions(Session("gesture", "rigid", 3, 7.0), Hazard.parse("bend-axial=0.8/slide-lateral=-1.2"))
 

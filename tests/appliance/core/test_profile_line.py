@@ -2,12 +2,12 @@
 
 import pytest
 
-from appliance.core.line import Line
-from appliance.limits import Limits
-from appliance.types import Verdict, VerdictKind
-from tools.study.hazard import Hazard
-from tools.study.samples import Conditions, rendered, samples
-from tools.study.session import Session
+from probewatch.appliance.core.line import Line
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.types import Verdict, VerdictKind
+from probewatch.tools.study.hazard import Hazard
+from probewatch.tools.study.samples import Conditions, rendered, samples
+from probewatch.tools.study.session import Session
 
 CONDITIONS = Conditions(Session("gesture", "rigid", 3, 7.0), Hazard.parse("slide-lateral=2.2@start"))
 

@@ -6,14 +6,14 @@ from functools import cache
 import numpy as np
 import pytest
 
-from appliance.core.line import Line
-from appliance.core.quality.report import LineReport
-from appliance.limits import Limits
-from appliance.storage.calibration_file import read_calibration
-from appliance.storage.image_to_probe import calibration_from_image_to_probe
-from appliance.types import Calibration, Fault, VerdictKind
-from drivers.recordings.replay import open_recording
-from drivers.rigid import vector_from_rotation
+from probewatch.appliance.core.line import Line
+from probewatch.appliance.core.quality.report import LineReport
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.storage.calibration_file import read_calibration
+from probewatch.appliance.storage.image_to_probe import calibration_from_image_to_probe
+from probewatch.appliance.types import Calibration, Fault, VerdictKind
+from probewatch.drivers.recordings.replay import open_recording
+from probewatch.drivers.rigid import vector_from_rotation
 from tests.support.recordings import NWIRE_IMAGE_TO_PROBE, plus_file, with_late_poses
 
 pytestmark = pytest.mark.thorough

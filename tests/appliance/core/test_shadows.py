@@ -5,15 +5,15 @@ from functools import cache
 import numpy as np
 import pytest
 
-from appliance.core.line import Line
-from appliance.core.registration.pyramid import pyramid
-from appliance.core.registration.shadow import Shadows
-from appliance.types import Verdict, VerdictKind
+from probewatch.appliance.core.line import Line
+from probewatch.appliance.core.registration.pyramid import pyramid
+from probewatch.appliance.core.registration.shadow import Shadows
+from probewatch.appliance.types import Verdict, VerdictKind
+from probewatch.tools.study.hazard import Hazard
+from probewatch.tools.study.samples import Conditions, rendered, samples
+from probewatch.tools.study.session import Session
 from tests.support.kept_pictures import sessions
 from tests.support.verdicts import faults
-from tools.study.hazard import Hazard
-from tools.study.samples import Conditions, rendered, samples
-from tools.study.session import Session
 
 pytestmark = pytest.mark.thorough
 

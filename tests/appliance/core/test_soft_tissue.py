@@ -2,11 +2,11 @@
 
 import pytest
 
+from probewatch.tools.study.hazard import Hazard
+from probewatch.tools.study.outcome import Outcome, run
+from probewatch.tools.study.samples import Conditions, rendered
+from probewatch.tools.study.session import Session
 from tests.support.kept_pictures import sessions
-from tools.study.hazard import Hazard
-from tools.study.outcome import Outcome, run
-from tools.study.samples import Conditions, rendered
-from tools.study.session import Session
 
 pytestmark = pytest.mark.thorough
 

@@ -3,9 +3,9 @@
 import subprocess
 import sys
 
-from appliance.core.detectors import picture_chain
-from appliance.core.registration import realtime_tracker
-from appliance.core.warm_up import warm_up
+from probewatch.appliance.core.detectors import picture_chain
+from probewatch.appliance.core.registration import realtime_tracker
+from probewatch.appliance.core.warm_up import warm_up
 
 
 def test_the_search_and_the_explanation_of_a_mirrored_picture_are_run(monkeypatch) -> None:  # type: ignore[no-untyped-def]
@@ -19,7 +19,7 @@ def test_the_search_and_the_explanation_of_a_mirrored_picture_are_run(monkeypatc
 
 def test_a_process_that_may_locks_its_memory_and_says_so() -> None:
     code = (
-        "from appliance.service.host.resident_memory import lock_memory; from pathlib import Path; "
+        "from probewatch.appliance.service.host.resident_memory import lock_memory; from pathlib import Path; "
         "locked = lock_memory(); "
         "vm = dict(line.split(':', 1) for line in Path('/proc/self/status').read_text().splitlines()); "
         "assert locked == (int(vm['VmLck'].split()[0]) > 0); bytearray(50_000_000)"
@@ -29,7 +29,8 @@ def test_a_process_that_may_locks_its_memory_and_says_so() -> None:
 
 def test_what_is_loaded_is_collected_no_more() -> None:
     code = (
-        "import gc, appliance.core.line; from appliance.service.host.resident_memory import keep_what_is_loaded; "
+        "import gc, probewatch.appliance.core.line; "
+        "from probewatch.appliance.service.host.resident_memory import keep_what_is_loaded; "
         "before = len(gc.get_objects()); keep_what_is_loaded(); "
         "assert len(gc.get_objects()) < before / 100 and gc.isenabled()"
     )

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from appliance.crosswire.checkpoint import check_point, reconstructed_mm
-from appliance.crosswire.offset import ScanRefused
+from probewatch.appliance.crosswire.checkpoint import check_point, reconstructed_mm
+from probewatch.appliance.crosswire.offset import ScanRefused
 from tests.support.crossings import CROSSING_MM, TRUE, guided_views
 
 QUIET = {"noise_mm": 0.0, "noise_deg": 0.0, "noise_px": 0.0}

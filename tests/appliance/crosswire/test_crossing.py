@@ -4,9 +4,9 @@ import cv2
 import numpy as np
 import pytest
 
-from appliance.crosswire.crossing import Crossing, Missed, NoCrossing, find_crossing
-from appliance.crosswire.drawings import Drawings
-from drivers.twins.scene.world import World, WorldSettings
+from probewatch.appliance.crosswire.crossing import Crossing, Missed, NoCrossing, find_crossing
+from probewatch.appliance.crosswire.drawings import Drawings
+from probewatch.drivers.twins.scene.world import World, WorldSettings
 
 SHAPE = (240, 320)
 SIGMA_PX = np.array([8.0, 2.5])

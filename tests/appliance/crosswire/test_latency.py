@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from appliance.crosswire.latency import BottomLine
-from drivers.samples import Frame, Pose, PoseStatus, Stamp
+from probewatch.appliance.crosswire.latency import BottomLine
+from probewatch.drivers.samples import Frame, Pose, PoseStatus, Stamp
 
 
 def session(

@@ -8,7 +8,7 @@ import pytest
 from scipy.optimize import brentq, minimize_scalar
 from scipy.spatial.transform import Rotation
 
-from appliance.crosswire.offset import (
+from probewatch.appliance.crosswire.offset import (
     Demand,
     OffsetSolution,
     ScanRefused,
@@ -17,7 +17,7 @@ from appliance.crosswire.offset import (
     solve_offset,
     solve_zeta,
 )
-from appliance.types import Calibration
+from probewatch.appliance.types import Calibration
 
 LOCALISATION_MM = 0.3
 TRUTH = Calibration(

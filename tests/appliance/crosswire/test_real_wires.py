@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from appliance.crosswire.crossing import find_echoes
-from appliance.crosswire.drawings import Drawings
-from appliance.crosswire.latency import BottomLine
-from drivers.recordings.replay import open_recording
+from probewatch.appliance.crosswire.crossing import find_echoes
+from probewatch.appliance.crosswire.drawings import Drawings
+from probewatch.appliance.crosswire.latency import BottomLine
+from probewatch.drivers.recordings.replay import open_recording
 from tests.support.recordings import plus_file, with_late_poses
 
 SCALE_MM_PER_PX = (0.0803, 0.0745)

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from appliance.crosswire.running import Reason, Running, RunningCalibration, WholeDemand
-from appliance.types import Calibration
+from probewatch.appliance.crosswire.running import Reason, Running, RunningCalibration, WholeDemand
+from probewatch.appliance.types import Calibration
 from tests.support.crossings import SIZE_PX, TRUE, errors, guided_views
 
 

@@ -7,15 +7,15 @@ from functools import cache
 import numpy as np
 import pytest
 
-from appliance.core.acquisition.pairing import NEVER, NO_POSE
-from appliance.crosswire.crossing import NoCrossing
-from appliance.crosswire.offset import ScanRefused, solve_offset, solve_zeta
-from appliance.crosswire.scan import CrosswireScan, View
-from appliance.storage.image_to_probe import calibration_from_image_to_probe
-from appliance.types import Calibration
-from drivers.samples import Frame, Pose, PoseStatus, Sample, Stamp
-from drivers.twins.scene.wires import Clutter
-from drivers.twins.scene.world import World, WorldSettings
+from probewatch.appliance.core.acquisition.pairing import NEVER, NO_POSE
+from probewatch.appliance.crosswire.crossing import NoCrossing
+from probewatch.appliance.crosswire.offset import ScanRefused, solve_offset, solve_zeta
+from probewatch.appliance.crosswire.scan import CrosswireScan, View
+from probewatch.appliance.storage.image_to_probe import calibration_from_image_to_probe
+from probewatch.appliance.types import Calibration
+from probewatch.drivers.samples import Frame, Pose, PoseStatus, Sample, Stamp
+from probewatch.drivers.twins.scene.wires import Clutter
+from probewatch.drivers.twins.scene.world import World, WorldSettings
 from tests.support.sessions import ORIGIN_NS, KeptWorld, session
 
 SMALL = WorldSettings(width_px=320, height_px=240)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from appliance.crosswire.water import for_tissue, speed_of_sound_m_s
+from probewatch.appliance.crosswire.water import for_tissue, speed_of_sound_m_s
 from tests.support.crossings import TRUE
 
 

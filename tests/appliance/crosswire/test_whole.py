@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from appliance.crosswire.expected_error import expected_error_mm
-from appliance.crosswire.offset import Demand, ScanRefused, solve_zeta
-from appliance.crosswire.whole import solve_whole
+from probewatch.appliance.crosswire.expected_error import expected_error_mm
+from probewatch.appliance.crosswire.offset import Demand, ScanRefused, solve_zeta
+from probewatch.appliance.crosswire.whole import solve_whole
 from tests.support.crossings import CROSSING_MM, SIZE_PX, TRUE, errors, guided_views
 
 QUIET = {"noise_mm": 0.0, "noise_deg": 0.0, "noise_px": 0.0}

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from appliance.service.control.server import ControlRefused
-from appliance.storage.alarm_chain import MEMORY, read_log
-from drivers.errors import DeviceLost
-from drivers.twins.relay_board import RelayBoard
+from probewatch.appliance.service.control.server import ControlRefused
+from probewatch.appliance.storage.alarm_chain import MEMORY, read_log
+from probewatch.drivers.errors import DeviceLost
+from probewatch.drivers.twins.relay_board import RelayBoard
 from tests.support.answers import Answer, answered
 from tests.support.boards import running_board
 from tests.support.manual_clock import TimelessClock

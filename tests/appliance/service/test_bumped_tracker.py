@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.device_api import BUMPED
-from drivers.samples import Pose, PoseStatus, Stamp
-from drivers.trackers.ndi.status_text import BUMPED as BUMP_BIT
-from drivers.trackers.ndi.status_text import alert_text
+from probewatch.drivers.device_api import BUMPED
+from probewatch.drivers.samples import Pose, PoseStatus, Stamp
+from probewatch.drivers.trackers.ndi.status_text import BUMPED as BUMP_BIT
+from probewatch.drivers.trackers.ndi.status_text import alert_text
 from tests.support.service_parts import ERR_NS
 from tests.support.simulated_cart import SimulatedCart
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from appliance.service.control import references
+from probewatch.appliance.service.control import references
 from tests.appliance.service.test_daemon import MovedLine, calibration, moved
 from tests.support.answers import answered
 from tests.support.simulated_cart import SimulatedCart

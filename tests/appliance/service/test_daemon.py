@@ -17,12 +17,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from appliance.service.control.status_fields import STATUS
-from appliance.storage.alarm_chain import read_log
-from appliance.storage.calibration_file import read_calibration, write_calibration
-from appliance.storage.image_to_probe import image_to_probe
-from appliance.types import Verdict, VerdictKind
-from drivers.samples import Sample
+from probewatch.appliance.service.control.status_fields import STATUS
+from probewatch.appliance.storage.alarm_chain import read_log
+from probewatch.appliance.storage.calibration_file import read_calibration, write_calibration
+from probewatch.appliance.storage.image_to_probe import image_to_probe
+from probewatch.appliance.types import Verdict, VerdictKind
+from probewatch.drivers.samples import Sample
 from tests.support.answers import Answer, answered
 from tests.support.demo_cart import PROBEWATCH
 from tests.support.simulated_cart import SimulatedCart

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from appliance.limits import SWEPT_AGE_S
-from appliance.supervision.supervisor import TICK_NS
-from appliance.types import State
-from drivers.twins.faults import Episode, Schedule
+from probewatch.appliance.limits import SWEPT_AGE_S
+from probewatch.appliance.supervision.supervisor import TICK_NS
+from probewatch.appliance.types import State
+from probewatch.drivers.twins.faults import Episode, Schedule
 from tests.support.simulated_cart import WorldCart
 
 DISTURBANCES = {

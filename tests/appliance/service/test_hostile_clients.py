@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.errors import ProbewatchError
+from probewatch.drivers.errors import ProbewatchError
 from tests.support.simulated_cart import SimulatedCart
 
 WITH_FILE = ("propose-calibration", "end-recalibration")

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from appliance.core.quality.gesture import Gesture
-from appliance.service.control.status import alarm_fields
-from appliance.supervision.languages import LANGUAGES, translated
-from appliance.types import AlarmState, State
+from probewatch.appliance.core.quality.gesture import Gesture
+from probewatch.appliance.service.control.status import alarm_fields
+from probewatch.appliance.supervision.languages import LANGUAGES, translated
+from probewatch.appliance.types import AlarmState, State
 from tests.appliance.service.test_daemon import moved
 from tests.support.answers import answered
 from tests.support.simulated_cart import SimulatedCart

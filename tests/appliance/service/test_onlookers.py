@@ -2,11 +2,11 @@
 
 from concurrent.futures import ThreadPoolExecutor
 
-from appliance.service.control.status_fields import STATUS
-from appliance.supervision.supervisor import TICK_NS
+from probewatch.appliance.service.control.status_fields import STATUS
+from probewatch.appliance.supervision.supervisor import TICK_NS
+from probewatch.tools.monitoring.reading import Exposition
 from tests.support.answering import RECORDED
 from tests.support.simulated_cart import SimulatedCart
-from tools.monitoring.reading import Exposition
 
 TICK_S = TICK_NS / 1e9
 

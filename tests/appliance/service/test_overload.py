@@ -2,7 +2,7 @@
 
 from collections import Counter
 
-from appliance.storage.alarm_chain import read_log
+from probewatch.appliance.storage.alarm_chain import read_log
 from tests.support.simulated_cart import SimulatedCart
 
 BUSY_S = 15.0

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from appliance.storage.calibration_file import read_calibration, write_calibration
-from appliance.types import Fault
+from probewatch.appliance.storage.calibration_file import read_calibration, write_calibration
+from probewatch.appliance.types import Fault
 from tests.support.answers import answered
 from tests.support.simulated_cart import WorldCart
 

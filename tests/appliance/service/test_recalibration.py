@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from appliance.storage.alarm_chain import read_log
+from probewatch.appliance.storage.alarm_chain import read_log
 from tests.support.answers import answered
 from tests.support.demo_cart import PROBEWATCH
 from tests.support.polling import until

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from appliance.service.control.server import ControlRefused
-from appliance.storage.alarm_chain import read_log
+from probewatch.appliance.service.control.server import ControlRefused
+from probewatch.appliance.storage.alarm_chain import read_log
 from tests.appliance.service.test_daemon import moved
 from tests.support.simulated_cart import SimulatedCart
 

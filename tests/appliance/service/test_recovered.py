@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.twins.faults import Episode, Schedule
+from probewatch.drivers.twins.faults import Episode, Schedule
 from tests.support.answers import Answer, answered
 from tests.support.simulated_cart import WorldCart
 

@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from appliance.storage.alarm_chain import AFTER, MEMORY, digest_of, read_log, segments
-from appliance.storage.alarm_log import AlarmLog
+from probewatch.appliance.storage.alarm_chain import AFTER, MEMORY, digest_of, read_log, segments
+from probewatch.appliance.storage.alarm_log import AlarmLog
 from tests.appliance.storage.test_alarm_log import HALT, NOON, faults, filled
 
 

@@ -14,9 +14,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from appliance.storage import alarm_log
-from appliance.storage.alarm_chain import MEMORY, Event, Latch, digest_of, read_log, segments
-from appliance.storage.alarm_log import AlarmLog
+from probewatch.appliance.storage import alarm_log
+from probewatch.appliance.storage.alarm_chain import MEMORY, Event, Latch, digest_of, read_log, segments
+from probewatch.appliance.storage.alarm_log import AlarmLog
 
 NOON = datetime(2026, 1, 1, 12, tzinfo=UTC)
 HALT = Latch("halt", "scale")

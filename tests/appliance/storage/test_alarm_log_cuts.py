@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from appliance.storage import alarm_log
-from appliance.storage.alarm_chain import MEMORY, Latch, read_log, segments
-from appliance.storage.alarm_log import AlarmLog
+from probewatch.appliance.storage import alarm_log
+from probewatch.appliance.storage.alarm_chain import MEMORY, Latch, read_log, segments
+from probewatch.appliance.storage.alarm_log import AlarmLog
 from tests.support.power_cut import Image, recorded, restored
 
 NOON = datetime(2026, 1, 1, 12, tzinfo=UTC)

@@ -13,15 +13,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mcap.writer import CompressionType, IndexType, Writer
 
-from appliance.core.estimator_settings import EstimatorSettings
-from appliance.core.exact_fields import calibration_fields, calibration_of, verdict_fields
-from appliance.limits import Limits
-from appliance.storage.black_box import CHUNK_NS, SCHEMAS, BlackBox, BlackBoxWriter, series_of
-from appliance.storage.black_box_fields import Begun, Gap, Item, Made, Mark, State, fields_of, item_of
-from appliance.types import Calibration, Check, Fault, PointError, Rival, Verdict, VerdictKind
-from drivers.errors import RecordingError
-from drivers.recordings.mcap_file import MAGIC
-from drivers.samples import Frame, Pose, PoseStatus, Stamp
+from probewatch.appliance.core.estimator_settings import EstimatorSettings
+from probewatch.appliance.core.exact_fields import calibration_fields, calibration_of, verdict_fields
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.storage.black_box import CHUNK_NS, SCHEMAS, BlackBox, BlackBoxWriter, series_of
+from probewatch.appliance.storage.black_box_fields import Begun, Gap, Item, Made, Mark, State, fields_of, item_of
+from probewatch.appliance.types import Calibration, Check, Fault, PointError, Rival, Verdict, VerdictKind
+from probewatch.drivers.errors import RecordingError
+from probewatch.drivers.recordings.mcap_file import MAGIC
+from probewatch.drivers.samples import Frame, Pose, PoseStatus, Stamp
 from tests.support.recordings import picture, turn
 
 BEGUN = Begun(1, "probewatch 0", "2026-01-02T03:04:05+00:00", 5_000_000_000, "abc", 1, ("sim:x",), "kept")

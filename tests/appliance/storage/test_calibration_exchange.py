@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 import SimpleITK as sitk  # noqa: N813  as its documentation does
 
-from appliance.storage.calibration_exchange import device_set_text, itk_text, read_itk
-from appliance.storage.calibration_file import read_calibration
-from appliance.storage.image_to_probe import image_to_probe
-from drivers.errors import ConfigurationError
+from probewatch.appliance.storage.calibration_exchange import device_set_text, itk_text, read_itk
+from probewatch.appliance.storage.calibration_file import read_calibration
+from probewatch.appliance.storage.image_to_probe import image_to_probe
+from probewatch.drivers.errors import ConfigurationError
 from tests.support.crossings import SIZE_PX, TRUE
 
 FAR = replace(TRUE, offset_mm=np.array([-812.25, 1420.5, 333.125]), scale_mm_per_px=np.array([0.0123, 0.31]))

@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from appliance.storage.calibration_file import FORMAT, read_calibration, write_calibration
-from appliance.storage.image_to_probe import image_to_probe
-from appliance.types import PARAMETERS, Calibration
-from drivers.errors import ConfigurationError
-from drivers.rigid import rotation_from_vector, vector_from_rotation
+from probewatch.appliance.storage.calibration_file import FORMAT, read_calibration, write_calibration
+from probewatch.appliance.storage.image_to_probe import image_to_probe
+from probewatch.appliance.types import PARAMETERS, Calibration
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.drivers.rigid import rotation_from_vector, vector_from_rotation
 from tests.support.recordings import plus_file
 
 SIZE_PX = (640, 480)

@@ -5,10 +5,10 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from appliance.storage.calibration_file import read_calibration
-from appliance.storage.device_set import clip_px, remarks
+from probewatch.appliance.storage.calibration_file import read_calibration
+from probewatch.appliance.storage.device_set import clip_px, remarks
+from probewatch.tools.commands.calibration import command
 from tests.support.recordings import plus_file
-from tools.commands.calibration import command
 
 _SET = """<PlusConfiguration version="2.9">
   <DataCollection>

@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from appliance.storage.image_to_probe import calibration_from_image_to_probe, image_to_probe
-from appliance.types import Calibration
-from drivers.errors import ConfigurationError
-from drivers.rigid import vector_from_rotation
+from probewatch.appliance.storage.image_to_probe import calibration_from_image_to_probe, image_to_probe
+from probewatch.appliance.types import Calibration
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.drivers.rigid import vector_from_rotation
 from tests.appliance.storage.test_calibration_file import SIZE_PX, calibration, same
 
 

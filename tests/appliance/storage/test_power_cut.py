@@ -10,12 +10,12 @@ from pathlib import Path
 
 import pytest
 
-from appliance.configuration.config import Config, load_config
-from appliance.storage import reference_store
-from appliance.storage.alarm_log import AlarmLog
-from appliance.storage.reference_store import read_history, set_aside
-from drivers.errors import ConfigurationError
-from drivers.files.atomic_file import sync_directory
+from probewatch.appliance.configuration.config import Config, load_config
+from probewatch.appliance.storage import reference_store
+from probewatch.appliance.storage.alarm_log import AlarmLog
+from probewatch.appliance.storage.reference_store import read_history, set_aside
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.drivers.files.atomic_file import sync_directory
 from tests.support.power_cut import Image, recorded, restored
 from tests.support.stores import configuration, log, settled, started, written
 

@@ -4,9 +4,9 @@ from datetime import UTC, datetime, timedelta
 
 import pytest
 
-from appliance.storage.calibration_file import calibration_bytes, write_calibration
-from appliance.storage.reference_dates import Dates, dates_of
-from appliance.storage.reference_store import Entry
+from probewatch.appliance.storage.calibration_file import calibration_bytes, write_calibration
+from probewatch.appliance.storage.reference_dates import Dates, dates_of
+from probewatch.appliance.storage.reference_store import Entry
 from tests.support.stores import calibration
 
 ENTRY = Entry(

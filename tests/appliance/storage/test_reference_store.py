@@ -11,13 +11,13 @@ from pathlib import Path
 
 import pytest
 
-from appliance.service.control.references import References
-from appliance.storage import reference_store
-from appliance.storage.alarm_log import AlarmLog
-from appliance.storage.reference import in_force
-from appliance.storage.reference_store import HISTORY, read_history, set_aside
-from appliance.types import Check, Fault, Verdict, VerdictKind
-from drivers.errors import ConfigurationError
+from probewatch.appliance.service.control.references import References
+from probewatch.appliance.storage import reference_store
+from probewatch.appliance.storage.alarm_log import AlarmLog
+from probewatch.appliance.storage.reference import in_force
+from probewatch.appliance.storage.reference_store import HISTORY, read_history, set_aside
+from probewatch.appliance.types import Check, Fault, Verdict, VerdictKind
+from probewatch.drivers.errors import ConfigurationError
 from tests.support.polling import until
 from tests.support.stores import (
     PLUS,
@@ -187,8 +187,8 @@ def test_a_damaged_store_set_aside_is_kept_and_begins_again(tmp_path):
 WRITER = """
 import itertools, sys
 from pathlib import Path
-from appliance.configuration.config import load_config
-from appliance.service.control.references import References
+from probewatch.appliance.configuration.config import load_config
+from probewatch.appliance.service.control.references import References
 config = load_config(Path(sys.argv[1]))
 references = References(config)
 references.begin()
@@ -251,9 +251,9 @@ def test_a_reference_that_is_not_on_the_disk_is_not_verified(tmp_path, monkeypat
     config = configuration(tmp_path)
     references = started(config)
     assert references.judged(ok())[0].kind is VerdictKind.OK
-    monkeypatch.setattr("appliance.service.control.references.RETRY_S", 0.02)
+    monkeypatch.setattr("probewatch.appliance.service.control.references.RETRY_S", 0.02)
     with monkeypatch.context() as patch:
-        patch.setattr("appliance.service.control.references.write_history", full)
+        patch.setattr("probewatch.appliance.service.control.references.write_history", full)
         new = written(tmp_path / "new.toml", 0, 0, 1)
         references.take(references.from_content(new.read_bytes(), str(new)), "recalibration")
         until(lambda: "No space" in str(references.waits))

@@ -6,11 +6,19 @@ from pathlib import Path
 
 import pytest
 
-from appliance.storage import alarm_log
-from appliance.storage.alarm_chain import MEMORY, Event, read_log, segments
-from appliance.storage.alarm_log import AlarmLog
-from appliance.storage.reference_store import FOLDER, HISTORY, Entry, History, set_aside, sha256_of, write_history
-from appliance.storage.witnessed_log import read_witnessed_log
+from probewatch.appliance.storage import alarm_log
+from probewatch.appliance.storage.alarm_chain import MEMORY, Event, read_log, segments
+from probewatch.appliance.storage.alarm_log import AlarmLog
+from probewatch.appliance.storage.reference_store import (
+    FOLDER,
+    HISTORY,
+    Entry,
+    History,
+    set_aside,
+    sha256_of,
+    write_history,
+)
+from probewatch.appliance.storage.witnessed_log import read_witnessed_log
 
 NOON = datetime(2026, 1, 1, 12, tzinfo=UTC)
 VERIFIED, UNVERIFIED = "2026-01-01T12:00:10+00:00", None

@@ -4,17 +4,17 @@ import itertools
 
 import pytest
 
-from appliance.supervision.alarms import (
+from probewatch.appliance.supervision.alarms import (
     DISPLAY_COLUMNS,
     HAZARDS,
     SIGNALS,
     Priority,
     operator_text,
 )
-from appliance.supervision.annunciator import BURSTS, LAMP_TEST_NS, Annunciator, Role
-from appliance.supervision.audio import LONGEST_PAUSE_NS, REMINDER_NS, Audio, AudioMode
-from appliance.supervision.languages import GERMAN, LANGUAGES
-from appliance.types import AlarmState, Fault, Kind, State
+from probewatch.appliance.supervision.annunciator import BURSTS, LAMP_TEST_NS, Annunciator, Role
+from probewatch.appliance.supervision.audio import LONGEST_PAUSE_NS, REMINDER_NS, Audio, AudioMode
+from probewatch.appliance.supervision.languages import GERMAN, LANGUAGES
+from probewatch.appliance.types import AlarmState, Fault, Kind, State
 
 S_NS = 1_000_000_000
 MS_NS = 1_000_000

@@ -1,7 +1,7 @@
 """A condition that was never shown, or is only suspected, names nothing and lasts for no time."""
 
-from appliance.supervision.condition import Condition
-from appliance.types import Fault
+from probewatch.appliance.supervision.condition import Condition
+from probewatch.appliance.types import Fault
 
 S_NS = 1_000_000_000
 

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from appliance.supervision import policy
-from appliance.supervision.fault_row import FaultRow, Texts
-from appliance.supervision.faults import FAULT_ROWS
-from appliance.supervision.languages import GERMAN, LANGUAGES
-from appliance.types import Fault
+from probewatch.appliance.supervision import policy
+from probewatch.appliance.supervision.fault_row import FaultRow, Texts
+from probewatch.appliance.supervision.faults import FAULT_ROWS
+from probewatch.appliance.supervision.languages import GERMAN, LANGUAGES
+from probewatch.appliance.types import Fault
 
 ROOT = Path(__file__).parents[3]
 ROWS = ROOT / "appliance" / "supervision" / "faults.py"

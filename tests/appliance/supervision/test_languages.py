@@ -6,15 +6,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from appliance.core.line import Line
-from appliance.core.path.residual import Lack
-from appliance.core.quality.gesture import Gesture
-from appliance.core.quality.judgement import BROKE, Judgement, bounded, judge
-from appliance.core.quality.proposal import propose
-from appliance.core.quality.verification import Contradiction, VerificationStatus
-from appliance.limits import Limits
-from appliance.storage.alarm_chain import Event
-from appliance.supervision.alarms import (
+from probewatch.appliance.core.line import Line
+from probewatch.appliance.core.path.residual import Lack
+from probewatch.appliance.core.quality.gesture import Gesture
+from probewatch.appliance.core.quality.judgement import BROKE, Judgement, bounded, judge
+from probewatch.appliance.core.quality.proposal import propose
+from probewatch.appliance.core.quality.verification import Contradiction, VerificationStatus
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.storage.alarm_chain import Event
+from probewatch.appliance.supervision.alarms import (
     BEHIND,
     CHECK_BUMPED,
     DISTURBED,
@@ -25,16 +25,16 @@ from appliance.supervision.alarms import (
     PARTLY_EARLIER,
     SIGNALS,
 )
-from appliance.supervision.faults import FAULT_ROWS
-from appliance.supervision.languages import GERMAN, translated_text
-from appliance.supervision.watchers.device_health import DeviceHealth, Timeouts
-from appliance.supervision.watchers.devices import watch_devices
-from appliance.types import PARAMETERS, Check, Fault, PointError, Rival, State, VerdictKind
-from drivers.samples import Frame, Stamp
+from probewatch.appliance.supervision.faults import FAULT_ROWS
+from probewatch.appliance.supervision.languages import GERMAN, translated_text
+from probewatch.appliance.supervision.watchers.device_health import DeviceHealth, Timeouts
+from probewatch.appliance.supervision.watchers.devices import watch_devices
+from probewatch.appliance.types import PARAMETERS, Check, Fault, PointError, Rival, State, VerdictKind
+from probewatch.drivers.samples import Frame, Stamp
+from probewatch.tools.shared.spoken import SPOKEN
+from probewatch.tools.shared.status_view import WORDS
 from tests.appliance.core.acquisition.test_input_validation import HEALTHY, noisy, verdicts
 from tests.appliance.core.test_line import truth
-from tools.shared.spoken import SPOKEN
-from tools.shared.status_view import WORDS
 
 NOT_VERIFIED = VerdictKind.NOT_VERIFIED
 LOGGED = (Event.STATE, Event.REQUEST, Event.STOPPED, Event.PROPOSAL, Event.UNDECIDED)

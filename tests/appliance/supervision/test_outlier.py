@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from appliance.core.line import Line
-from appliance.supervision.timeline import Judging, Timeline
-from appliance.types import State
-from drivers.samples import Frame, GreyImage, Pose, PoseStatus, Sample
+from probewatch.appliance.core.line import Line
+from probewatch.appliance.supervision.timeline import Judging, Timeline
+from probewatch.appliance.types import State
+from probewatch.drivers.samples import Frame, GreyImage, Pose, PoseStatus, Sample
 from tests.appliance.core.test_line import SMALL, truth
 from tests.support.sessions import ORIGIN_NS, SWEPT, kept, session
 

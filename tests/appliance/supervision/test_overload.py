@@ -8,13 +8,13 @@ from pathlib import Path
 
 import pytest
 
-from appliance.service.host.pressure import Pressure
-from appliance.supervision.alarms import DISPLAY_COLUMNS, HAZARDS, SILENCES, operator_text
-from appliance.supervision.languages import LANGUAGES, translated
-from appliance.supervision.overload import Load, Overload
-from appliance.supervision.overload_notes import OverloadNotes
-from appliance.supervision.supervisor import Durations, Inputs, Supervisor
-from appliance.types import AlarmState, Check, Fault, Kind, State, Verdict, VerdictKind
+from probewatch.appliance.service.host.pressure import Pressure
+from probewatch.appliance.supervision.alarms import DISPLAY_COLUMNS, HAZARDS, SILENCES, operator_text
+from probewatch.appliance.supervision.languages import LANGUAGES, translated
+from probewatch.appliance.supervision.overload import Load, Overload
+from probewatch.appliance.supervision.overload_notes import OverloadNotes
+from probewatch.appliance.supervision.supervisor import Durations, Inputs, Supervisor
+from probewatch.appliance.types import AlarmState, Check, Fault, Kind, State, Verdict, VerdictKind
 
 S_NS, MS_NS = 1_000_000_000, 1_000_000
 TICK_NS = 50 * MS_NS

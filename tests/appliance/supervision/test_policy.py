@@ -4,13 +4,13 @@ from dataclasses import fields
 
 import pytest
 
-from appliance.supervision.alarms import HAZARDS, SIGNALS
-from appliance.supervision.annunciator import Annunciator, Role
-from appliance.supervision.audio import Audio, pulses
-from appliance.supervision.faults import FAULT_ROWS
-from appliance.supervision.policy import ADVISORY, Durations, Ending, Policy
-from appliance.supervision.supervisor import Inputs, Request
-from appliance.types import Check, Fault, Kind, State, Verdict, VerdictKind
+from probewatch.appliance.supervision.alarms import HAZARDS, SIGNALS
+from probewatch.appliance.supervision.annunciator import Annunciator, Role
+from probewatch.appliance.supervision.audio import Audio, pulses
+from probewatch.appliance.supervision.faults import FAULT_ROWS
+from probewatch.appliance.supervision.policy import ADVISORY, Durations, Ending, Policy
+from probewatch.appliance.supervision.supervisor import Inputs, Request
+from probewatch.appliance.types import Check, Fault, Kind, State, Verdict, VerdictKind
 from tests.support.supervised import DURATIONS, TICK_NS, Room, room_in
 
 S_NS = 1_000_000_000

@@ -2,12 +2,12 @@
 
 import pytest
 
-from appliance.core.detectors.marker_slip import MarkerSlip
-from appliance.core.parameters import MEASURED, class_of
-from appliance.core.quality.proposal import Step, propose
-from appliance.limits import Limits
-from appliance.supervision.alarms import HAZARDS
-from appliance.types import Check, State, VerdictKind
+from probewatch.appliance.core.detectors.marker_slip import MarkerSlip
+from probewatch.appliance.core.parameters import MEASURED, class_of
+from probewatch.appliance.core.quality.proposal import Step, propose
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.supervision.alarms import HAZARDS
+from probewatch.appliance.types import Check, State, VerdictKind
 from tests.support.motions import TRUTH
 
 REQUESTS = {

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from appliance.supervision.alarms import BEHIND, operator_text
-from appliance.supervision.policy import CAUGHT_UP_NS
-from appliance.supervision.supervisor import AlarmTable, Inputs, Request
-from appliance.types import State, Verdict, VerdictKind
+from probewatch.appliance.supervision.alarms import BEHIND, operator_text
+from probewatch.appliance.supervision.policy import CAUGHT_UP_NS
+from probewatch.appliance.supervision.supervisor import AlarmTable, Inputs, Request
+from probewatch.appliance.types import State, Verdict, VerdictKind
 from tests.support.supervised import (
     DURATIONS,
     INPUTS,

@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import pytest
 
-from appliance.supervision.alarms import HAZARDS
-from appliance.supervision.supervisor import Inputs, Request
-from appliance.types import Check, Fault, Kind, State, Verdict, VerdictKind
+from probewatch.appliance.supervision.alarms import HAZARDS
+from probewatch.appliance.supervision.supervisor import Inputs, Request
+from probewatch.appliance.types import Check, Fault, Kind, State, Verdict, VerdictKind
 from tests.support.supervised import (
     DURATIONS,
     S_NS,

@@ -2,9 +2,9 @@
 
 import pytest
 
-from appliance.supervision.alarms import operator_text
-from appliance.supervision.supervisor import Inputs, Request, Supervisor
-from appliance.types import Fault, State, Verdict, VerdictKind
+from probewatch.appliance.supervision.alarms import operator_text
+from probewatch.appliance.supervision.supervisor import Inputs, Request, Supervisor
+from probewatch.appliance.types import Fault, State, Verdict, VerdictKind
 from tests.support.supervised import (
     DURATIONS,
     LATCHED,

@@ -5,9 +5,9 @@ from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule, run_state_machine_as_test
 
-from appliance.supervision.alarms import HAZARDS
-from appliance.supervision.supervisor import Durations, Inputs, Request, Supervisor
-from appliance.types import AlarmState, Check, Fault, Kind, State, Verdict, VerdictKind
+from probewatch.appliance.supervision.alarms import HAZARDS
+from probewatch.appliance.supervision.supervisor import Durations, Inputs, Request, Supervisor
+from probewatch.appliance.types import AlarmState, Check, Fault, Kind, State, Verdict, VerdictKind
 
 MS_NS = 1_000_000
 D = Durations()

@@ -4,9 +4,9 @@ import itertools
 
 import pytest
 
-from appliance.supervision.alarms import HAZARDS, operator_text
-from appliance.supervision.supervisor import Inputs, Request
-from appliance.types import Kind, State
+from probewatch.appliance.supervision.alarms import HAZARDS, operator_text
+from probewatch.appliance.supervision.supervisor import Inputs, Request
+from probewatch.appliance.types import Kind, State
 from tests.support.supervised import (
     LATCHED,
     REQUEST_AFTER_NS,

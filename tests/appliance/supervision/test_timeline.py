@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from appliance.supervision import timeline
-from appliance.supervision.supervisor import TICK_NS
-from appliance.supervision.timeline import Timeline
-from appliance.types import State
-from drivers.samples import Frame, Stamp
+from probewatch.appliance.supervision import timeline
+from probewatch.appliance.supervision.supervisor import TICK_NS
+from probewatch.appliance.supervision.timeline import Timeline
+from probewatch.appliance.types import State
+from probewatch.drivers.samples import Frame, Stamp
 
 YEAR_NS = 365 * 86_400 * 10**9
 PICTURE = np.zeros((16, 16), np.uint8)

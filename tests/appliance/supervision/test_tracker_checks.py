@@ -8,16 +8,16 @@ from pathlib import Path
 
 import pytest
 
-from appliance.limits import Limits
-from appliance.service.devices.source_thread import TrackerThread
-from appliance.supervision.watchers.device_health import DeviceHealth, Timeouts
-from appliance.supervision.watchers.devices import watch_devices
-from appliance.types import Check, Kind, VerdictKind
-from drivers.clock.host_clock import HostClock
-from drivers.registry import open_tracker
-from drivers.samples import PoseStatus
-from drivers.twins.ndi.models import AURORA, SPECTRA, VEGA, Model
-from drivers.twins.ndi.tool_definitions import MARKERS_MM, REFERENCE
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.service.devices.source_thread import TrackerThread
+from probewatch.appliance.supervision.watchers.device_health import DeviceHealth, Timeouts
+from probewatch.appliance.supervision.watchers.devices import watch_devices
+from probewatch.appliance.types import Check, Kind, VerdictKind
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.registry import open_tracker
+from probewatch.drivers.samples import PoseStatus
+from probewatch.drivers.twins.ndi.models import AURORA, SPECTRA, VEGA, Model
+from probewatch.drivers.twins.ndi.tool_definitions import MARKERS_MM, REFERENCE
 from tests.support.polling import until
 from tests.support.simulated_ndi import Bench, bench
 from tests.support.simulated_optotrak import bench as simulated_optotrak

@@ -6,11 +6,11 @@ from typing import Any
 
 import pytest
 
-from appliance.limits import Limits
-from appliance.supervision.watchers.device_health import DeviceHealth, Replies, Timeouts
-from appliance.supervision.watchers.devices import watch_devices
-from appliance.types import Fault, Kind, VerdictKind
-from drivers.samples import MarkerBody, PoseStatus
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.supervision.watchers.device_health import DeviceHealth, Replies, Timeouts
+from probewatch.appliance.supervision.watchers.devices import watch_devices
+from probewatch.appliance.types import Fault, Kind, VerdictKind
+from probewatch.drivers.samples import MarkerBody, PoseStatus
 
 NOW_NS = 1_000_000_000_000
 TIMEOUTS, LIMITS = Timeouts(), Limits()

@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 from output_node import OutputNode
 
-from drivers.video.sim import HEADER_BYTES, FrameHeader
+from probewatch.drivers.video.sim import HEADER_BYTES, FrameHeader
 
 FLIP, BLANK = Path("/run/cart-flip"), Path("/run/cart-blank")
 

@@ -6,7 +6,7 @@ import os
 import select
 from ctypes import c_int
 
-from drivers.video.v4l2 import abi
+from probewatch.drivers.video.v4l2 import abi
 
 BUF_TYPE_VIDEO_OUTPUT = 2
 

@@ -9,9 +9,9 @@ import termios
 import time
 from pathlib import Path
 
-from drivers.clock.host_clock import HostClock
-from drivers.errors import DeviceLost
-from drivers.registry import open_output
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.errors import DeviceLost
+from probewatch.drivers.registry import open_output
 
 CLOCK = HostClock()
 BANK = next(Path("/sys/devices/platform").glob("gpio-sim.*/gpiochip*"))
@@ -19,8 +19,8 @@ CHIP, PORT = "gpio:/dev/gpiochip0", "/dev/ttyS1"
 LOOP = 0x8000
 HOLDER = """
 import time
-from drivers.clock.host_clock import HostClock
-from drivers.registry import open_output
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.registry import open_output
 kept = [open_output(url, HostClock()) for url in {urls!r}]
 [one.write(True) for one in kept]
 print("held", flush=True)

@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 from output_node import OutputNode
 
-from drivers.clock.host_clock import HostClock
-from drivers.errors import DeviceLost
-from drivers.registry import open_video
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.errors import DeviceLost
+from probewatch.drivers.registry import open_video
 
 NODE = "v4l2:/dev/video0?input=1&size=640x480"
 DRIVER = Path("/sys/bus/platform/drivers/vivid")

@@ -13,10 +13,10 @@ from pathlib import Path
 
 import numpy as np
 
-from appliance.storage.alarm_chain import Latch
-from appliance.storage.alarm_log import AlarmLog
-from appliance.storage.calibration_file import write_calibration
-from appliance.storage.image_to_probe import calibration_from_image_to_probe
+from probewatch.appliance.storage.alarm_chain import Latch
+from probewatch.appliance.storage.alarm_log import AlarmLog
+from probewatch.appliance.storage.calibration_file import write_calibration
+from probewatch.appliance.storage.image_to_probe import calibration_from_image_to_probe
 
 
 def main(folder: Path, port: str) -> None:

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from drivers.clock.counter_clock import CounterClock, counter_rate_hz
-from drivers.clock.device_clock import DeviceClock
-from drivers.recordings.metaimage import read_metaimage
+from probewatch.drivers.clock.counter_clock import CounterClock, counter_rate_hz
+from probewatch.drivers.clock.device_clock import DeviceClock
+from probewatch.drivers.recordings.metaimage import read_metaimage
 from tests.support.recordings import plus_file
 
 HZ = 60

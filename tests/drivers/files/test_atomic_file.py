@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from drivers.errors import ConfigurationError
-from drivers.files.atomic_file import writing
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.drivers.files.atomic_file import writing
 
 
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT])

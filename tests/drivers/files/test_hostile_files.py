@@ -14,25 +14,25 @@ from click.testing import CliRunner, Result
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from appliance.configuration.config import load_config
-from appliance.storage.alarm_log import AlarmLog
-from appliance.storage.calibration_file import read_calibration, write_calibration
-from drivers.clock.host_clock import HostClock
-from drivers.errors import ConfigurationError, ProbewatchError, RecordingError
-from drivers.files.atomic_file import check_writable, writing
-from drivers.io.byte_log import ByteLog, read_log
-from drivers.recordings import metaimage
-from drivers.recordings.metaimage import read_metaimage
-from drivers.recordings.metaimage_writing import write_metaimage
-from drivers.recordings.nrrd import write_nrrd
-from drivers.recordings.replay import open_recording
-from drivers.recordings.sequence import read_sequence
-from drivers.twins.tool_motion import pose_file
+from probewatch.appliance.configuration.config import load_config
+from probewatch.appliance.storage.alarm_log import AlarmLog
+from probewatch.appliance.storage.calibration_file import read_calibration, write_calibration
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.errors import ConfigurationError, ProbewatchError, RecordingError
+from probewatch.drivers.files.atomic_file import check_writable, writing
+from probewatch.drivers.io.byte_log import ByteLog, read_log
+from probewatch.drivers.recordings import metaimage
+from probewatch.drivers.recordings.metaimage import read_metaimage
+from probewatch.drivers.recordings.metaimage_writing import write_metaimage
+from probewatch.drivers.recordings.nrrd import write_nrrd
+from probewatch.drivers.recordings.replay import open_recording
+from probewatch.drivers.recordings.sequence import read_sequence
+from probewatch.drivers.twins.tool_motion import pose_file
+from probewatch.tools.commands.log import command as log_command
+from probewatch.tools.commands.replay import command as replay_command
 from tests.appliance.storage.test_calibration_file import calibration
 from tests.support.recordings import SIZE_PX, items
 from tests.support.stopwatch import Stopwatch
-from tools.commands.log import command as log_command
-from tools.commands.replay import command as replay_command
 
 AT_ONCE_S = 1.0
 NAMED = r"not a file|a NUL in its name|leads out of the folder"

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from drivers.files import lock
-from drivers.files.lock import held_lock, is_held
+from probewatch.drivers.files import lock
+from probewatch.drivers.files.lock import held_lock, is_held
 
 
 def test_a_file_that_is_taken_away_while_it_is_locked_is_made_again(

@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from appliance.configuration.config import load_config
-from appliance.configuration.noise_file import read_noise
-from appliance.storage.calibration_file import read_calibration
-from drivers.errors import ConfigurationError
-from drivers.files.markup import toml_of, xml_of
+from probewatch.appliance.configuration.config import load_config
+from probewatch.appliance.configuration.noise_file import read_noise
+from probewatch.appliance.storage.calibration_file import read_calibration
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.drivers.files.markup import toml_of, xml_of
 
 ROOT = Path(__file__).parents[3]
 DOTTED = ".".join(["a"] * 7900) + " = 1\n"
@@ -39,9 +39,9 @@ LONG_NUMBERS = {
 SPENDS = """
 import resource, sys, time
 from pathlib import Path
-from appliance.storage.calibration_file import read_calibration
-from appliance.configuration.config import load_config
-from drivers.errors import ConfigurationError
+from probewatch.appliance.storage.calibration_file import read_calibration
+from probewatch.appliance.configuration.config import load_config
+from probewatch.drivers.errors import ConfigurationError
 before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 began_s = time.process_time()
 read = {"config": load_config, "calibration": lambda path: read_calibration(path, (640, 480))}[sys.argv[1]]

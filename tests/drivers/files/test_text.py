@@ -5,13 +5,13 @@ from pathlib import Path
 
 import pytest
 
-from appliance.configuration.config import configuration_text
-from appliance.configuration.noise_file import read_noise
-from appliance.storage.calibration_file import read_calibration
-from drivers.errors import ProbewatchError
-from drivers.io.byte_log import read_log
-from drivers.recordings.film import PoseTable
-from drivers.twins.tool_motion import pose_file
+from probewatch.appliance.configuration.config import configuration_text
+from probewatch.appliance.configuration.noise_file import read_noise
+from probewatch.appliance.storage.calibration_file import read_calibration
+from probewatch.drivers.errors import ProbewatchError
+from probewatch.drivers.io.byte_log import read_log
+from probewatch.drivers.recordings.pose_table import PoseTable
+from probewatch.drivers.twins.tool_motion import pose_file
 
 READERS: dict[str, tuple[str, Callable[[Path], object]]] = {
     "configuration": ("a.toml", configuration_text),

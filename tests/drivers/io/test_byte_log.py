@@ -11,15 +11,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drivers.clock.host_clock import HostClock
-from drivers.errors import ConfigurationError, DeviceLost, RecordingError
-from drivers.io.byte_log import HEADING, ByteLog, Direction, read_log
-from drivers.registry import open_tracker
-from drivers.twins.byte_log_twin import LogTwin, exchanges
-from drivers.twins.ndi.models import AURORA, MODELS
-from drivers.twins.ndi.tool_definitions import PROBE, REFERENCE, make_rom
-from drivers.twins.pty_line import PtyLine
-from drivers.twins.tcp_line import TcpLine
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.errors import ConfigurationError, DeviceLost, RecordingError
+from probewatch.drivers.io.byte_log import HEADING, ByteLog, Direction, read_log
+from probewatch.drivers.registry import open_tracker
+from probewatch.drivers.twins.byte_log_twin import LogTwin, exchanges
+from probewatch.drivers.twins.ndi.models import AURORA, MODELS
+from probewatch.drivers.twins.ndi.tool_definitions import PROBE, REFERENCE, make_rom
+from probewatch.drivers.twins.pty_line import PtyLine
+from probewatch.drivers.twins.tcp_line import TcpLine
 from tests.support.decoded import decoded
 from tests.support.record_logs import AURORA_OPTIONS, LOGS
 from tests.support.simulated import PROBEWATCH, matrix_of, probe_place, reference_place

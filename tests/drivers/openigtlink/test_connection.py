@@ -4,10 +4,10 @@ from collections.abc import Iterator
 
 import pytest
 
-from drivers.clock.host_clock import HostClock
-from drivers.errors import DeviceLost
-from drivers.openigtlink.tracker import IgtlTracker
-from drivers.samples import PoseStatus
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.errors import DeviceLost
+from probewatch.drivers.openigtlink.tracker import IgtlTracker
+from probewatch.drivers.samples import PoseStatus
 from tests.drivers.openigtlink.test_tracker import PERIOD_NS, PROBE, RATE, _read_on, next_pose, opened, status
 from tests.support.igtl import Server, server, transform, turned
 from tests.support.stopwatch import Stopwatch

@@ -5,8 +5,8 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from drivers.errors import ProtocolError
-from drivers.openigtlink.image import Image, Levels, grey_picture, parse_image
+from probewatch.drivers.errors import ProtocolError
+from probewatch.drivers.openigtlink.image import Image, Levels, grey_picture, parse_image
 
 PIXELS = np.random.default_rng(3).integers(0, 256, (24, 32), np.uint8)
 

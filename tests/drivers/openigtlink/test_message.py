@@ -10,10 +10,10 @@ from fastcrc import crc64
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.errors import ProtocolError
-from drivers.openigtlink import content as c
-from drivers.openigtlink.image import Image, parse_image
-from drivers.openigtlink.message import (
+from probewatch.drivers.errors import ProtocolError
+from probewatch.drivers.openigtlink import content as c
+from probewatch.drivers.openigtlink.image import Image, parse_image
+from probewatch.drivers.openigtlink.message import (
     HEADER_BYTES,
     MOST_BODY_BYTES,
     US_ASCII,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from drivers.openigtlink.sender_time import SenderTime
+from probewatch.drivers.openigtlink.sender_time import SenderTime
 
 UTC_NS = 1_750_000_000_000_000_000
 SECONDS = 30

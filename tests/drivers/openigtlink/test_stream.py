@@ -8,12 +8,12 @@ from contextlib import suppress
 import numpy as np
 import pytest
 
-from drivers.errors import ProtocolError
-from drivers.openigtlink import content
-from drivers.openigtlink.image import grey_picture, parse_image
-from drivers.openigtlink.message import HEADER_BYTES, Header, Message, encode
-from drivers.openigtlink.stream import MessageStream
-from drivers.openigtlink.tracker import _readings
+from probewatch.drivers.errors import ProtocolError
+from probewatch.drivers.openigtlink import content
+from probewatch.drivers.openigtlink.image import grey_picture, parse_image
+from probewatch.drivers.openigtlink.message import HEADER_BYTES, Header, Message, encode
+from probewatch.drivers.openigtlink.stream import MessageStream
+from probewatch.drivers.openigtlink.tracker import _readings
 from tests.support.igtl import good_bytes, mutants, picture
 
 QUICK, THOROUGH, SLOW = 2_000, 20_000, 1_000_000

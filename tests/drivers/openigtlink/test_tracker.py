@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drivers.clock.host_clock import HostClock
-from drivers.errors import ConfigurationError, DeviceLost
-from drivers.openigtlink.content import (
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.errors import ConfigurationError, DeviceLost
+from probewatch.drivers.openigtlink.content import (
     Status,
     Tool,
     Turn,
@@ -19,11 +19,11 @@ from drivers.openigtlink.content import (
     transform_content,
     turned_tools_content,
 )
-from drivers.openigtlink.message import UTF_8, Message, encode, time_of
-from drivers.openigtlink.tracker import IgtlTracker
-from drivers.registry import check_options, is_simulated, open_tracker
-from drivers.rigid import seen_from
-from drivers.samples import Matrix4, Pose, PoseStatus
+from probewatch.drivers.openigtlink.message import UTF_8, Message, encode, time_of
+from probewatch.drivers.openigtlink.tracker import IgtlTracker
+from probewatch.drivers.registry import check_options, is_simulated, open_tracker
+from probewatch.drivers.rigid import seen_from
+from probewatch.drivers.samples import Matrix4, Pose, PoseStatus
 from tests.support.igtl import UTC_NS, Server, server, transform, turned
 
 PROBE, REFERENCE = "ProbeToTracker", "ReferenceToTracker"

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from fastcrc import crc64
 
-from drivers.clock.host_clock import HostClock
-from drivers.errors import DeviceLost
-from drivers.openigtlink.message import Message, encode
-from drivers.openigtlink.video import IgtlVideo
-from drivers.registry import open_video
-from drivers.samples import Frame
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.errors import DeviceLost
+from probewatch.drivers.openigtlink.message import Message, encode
+from probewatch.drivers.openigtlink.video import IgtlVideo
+from probewatch.drivers.registry import open_video
+from probewatch.drivers.samples import Frame
 from tests.support.igtl import UTC_NS, Server, picture, server, transform, turned
 from tests.support.stopwatch import Stopwatch
 

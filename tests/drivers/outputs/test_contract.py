@@ -12,11 +12,11 @@ from pathlib import Path
 
 import pytest
 
-from drivers.clock.host_clock import HostClock
-from drivers.descriptor import Driver
-from drivers.device_api import AlarmOutput
-from drivers.errors import DeviceLost
-from drivers.registry import drivers, open_output
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.descriptor import Driver
+from probewatch.drivers.device_api import AlarmOutput
+from probewatch.drivers.errors import DeviceLost
+from probewatch.drivers.registry import drivers, open_output
 from tests.support.absent import absent_url
 from tests.support.boards import running_board
 from tests.support.polling import until

@@ -8,9 +8,9 @@ import gpiod
 import pytest
 from gpiod.line import Direction, Value
 
-from drivers.clock.host_clock import HostClock
-from drivers.errors import ConfigurationError, DeviceLost
-from drivers.registry import open_output
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.errors import ConfigurationError, DeviceLost
+from probewatch.drivers.registry import open_output
 
 CLOCK = HostClock(rate=20.0)
 CHIP = "gpio:/dev/null"

@@ -2,9 +2,9 @@
 
 import pytest
 
-from drivers.descriptor import Given
-from drivers.errors import ConfigurationError
-from drivers.outputs.heartbeat import HEARTBEAT, Heartbeat, heartbeat_from
+from probewatch.drivers.descriptor import Given
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.drivers.outputs.heartbeat import HEARTBEAT, Heartbeat, heartbeat_from
 
 TICK_NS = 50_000_000
 

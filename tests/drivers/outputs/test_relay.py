@@ -21,14 +21,14 @@ import serial
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.clock.host_clock import HostClock
-from drivers.errors import ConfigurationError, DeviceLost
-from drivers.io import shared_port
-from drivers.io.serial_port import open_serial
-from drivers.outputs import relay
-from drivers.outputs.relay import STATUS_QUERY, RelayOutput, _contacts, relay_command
-from drivers.registry import open_output
-from drivers.twins.pty_line import PtyLine
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.errors import ConfigurationError, DeviceLost
+from probewatch.drivers.io import shared_port
+from probewatch.drivers.io.serial_port import open_serial
+from probewatch.drivers.outputs import relay
+from probewatch.drivers.outputs.relay import STATUS_QUERY, RelayOutput, _contacts, relay_command
+from probewatch.drivers.registry import open_output
+from probewatch.drivers.twins.pty_line import PtyLine
 from tests.support.boards import running_board
 from tests.support.polling import until
 from tests.support.simulated import PROBEWATCH

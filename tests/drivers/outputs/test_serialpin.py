@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from drivers.clock.host_clock import HostClock
-from drivers.errors import ConfigurationError, DeviceLost
-from drivers.registry import open_output
-from drivers.twins.pty_line import PtyLine
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.errors import ConfigurationError, DeviceLost
+from probewatch.drivers.registry import open_output
+from probewatch.drivers.twins.pty_line import PtyLine
 
 CLOCK = HostClock()
 

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.clock.host_clock import HostClock
-from drivers.errors import ConfigurationError, DeviceLost
-from drivers.outputs.tone import RATE_HZ, tone
-from drivers.registry import open_output
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.errors import ConfigurationError, DeviceLost
+from probewatch.drivers.outputs.tone import RATE_HZ, tone
+from probewatch.drivers.registry import open_output
 from tests.support.manual_clock import ManualClock
 from tests.support.polling import until
 

@@ -6,12 +6,13 @@ import cv2
 import numpy as np
 import pytest
 
-from drivers.errors import RecordingError
-from drivers.recordings.film import POSE_COLUMNS, Film, PoseTable, write_poses
-from drivers.recordings.replay import open_recording
-from drivers.recordings.sequence import read_sequence
-from drivers.rigid import rotation_from_vector
-from drivers.samples import Frame, Pose, PoseStatus
+from probewatch.drivers.errors import RecordingError
+from probewatch.drivers.recordings.film import Film
+from probewatch.drivers.recordings.pose_table import POSE_COLUMNS, PoseTable, write_poses
+from probewatch.drivers.recordings.replay import open_recording
+from probewatch.drivers.recordings.sequence import read_sequence
+from probewatch.drivers.rigid import rotation_from_vector
+from probewatch.drivers.samples import Frame, Pose, PoseStatus
 from tests.support.recordings import picture, turn
 
 SIZE_PX = (64, 48)

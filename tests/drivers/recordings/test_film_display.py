@@ -6,9 +6,9 @@ from pathlib import Path
 import cv2
 import pytest
 
-from drivers.errors import RecordingError
-from drivers.recordings.display_matrix import is_mirrored
-from drivers.recordings.film import Film
+from probewatch.drivers.errors import RecordingError
+from probewatch.drivers.recordings.display_matrix import is_mirrored
+from probewatch.drivers.recordings.film import Film
 from tests.drivers.recordings.test_film import FPS, SIZE_PX
 from tests.support.recordings import picture
 

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from drivers.errors import RecordingError
-from drivers.recordings.sequence import read_sequence
+from probewatch.drivers.errors import RecordingError
+from probewatch.drivers.recordings.sequence import read_sequence
 
 
 def test_what_is_named_as_a_film_and_is_none_is_told_as_that(tmp_path: Path) -> None:

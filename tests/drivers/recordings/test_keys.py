@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 import SimpleITK as sitk  # noqa: N813  as its documentation does
 
-from drivers.errors import RecordingError
-from drivers.recordings.keys import IMAGE_STATUS, NAMES, ORIENTATION, known
-from drivers.recordings.metaimage_writing import write_metaimage
-from drivers.recordings.nrrd import write_nrrd
-from drivers.recordings.replay import open_recording
-from drivers.recordings.sequence import read_sequence
-from drivers.samples import PoseStatus
+from probewatch.drivers.errors import RecordingError
+from probewatch.drivers.recordings.keys import IMAGE_STATUS, NAMES, ORIENTATION, known
+from probewatch.drivers.recordings.metaimage_writing import write_metaimage
+from probewatch.drivers.recordings.nrrd import write_nrrd
+from probewatch.drivers.recordings.replay import open_recording
+from probewatch.drivers.recordings.sequence import read_sequence
+from probewatch.drivers.samples import PoseStatus
 from tests.support.recordings import SIZE_PX, items, picture
 
 

@@ -11,10 +11,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from drivers.errors import RecordingError
-from drivers.recordings.metaimage import read_metaimage
-from drivers.recordings.metaimage_writing import write_metaimage
-from drivers.samples import PoseStatus
+from probewatch.drivers.errors import RecordingError
+from probewatch.drivers.recordings.metaimage import read_metaimage
+from probewatch.drivers.recordings.metaimage_writing import write_metaimage
+from probewatch.drivers.samples import PoseStatus
 from tests.support.recordings import PERIOD_NS, SIZE_PX, START_NS, items, picture, plus_file, turn
 
 ORIENTATIONS = [lateral + axial + third for lateral, axial, third in product("MU", "FN", ("", "A", "D"))]

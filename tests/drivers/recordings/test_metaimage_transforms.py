@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from drivers.errors import RecordingError
-from drivers.recordings.metaimage import read_metaimage
-from drivers.recordings.metaimage_writing import write_metaimage
-from drivers.samples import PoseStatus
+from probewatch.drivers.errors import RecordingError
+from probewatch.drivers.recordings.metaimage import read_metaimage
+from probewatch.drivers.recordings.metaimage_writing import write_metaimage
+from probewatch.drivers.samples import PoseStatus
 from tests.drivers.recordings.test_metaimage import edit
 from tests.support.recordings import SIZE_PX, items
 

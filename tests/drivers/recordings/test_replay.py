@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.clock.host_clock import HostClock
-from drivers.errors import ConfigurationError, DeviceLost, RecordingError
-from drivers.recordings.metaimage_writing import write_metaimage
-from drivers.recordings.replay import open_recording
-from drivers.registry import open_output, open_tracker, open_video
-from drivers.samples import Frame, Pose, PoseStatus
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.errors import ConfigurationError, DeviceLost, RecordingError
+from probewatch.drivers.recordings.metaimage_writing import write_metaimage
+from probewatch.drivers.recordings.replay import open_recording
+from probewatch.drivers.registry import open_output, open_tracker, open_video
+from probewatch.drivers.samples import Frame, Pose, PoseStatus
 from tests.support.recordings import PERIOD_NS, SIZE_PX, START_NS, items, picture, plus_file, turn
 
 

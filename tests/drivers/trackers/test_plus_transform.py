@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from drivers.samples import PoseStatus
-from drivers.trackers.plus_transform import rigid_reading
+from probewatch.drivers.samples import PoseStatus
+from probewatch.drivers.trackers.plus_transform import rigid_reading
 from tests.support.recordings import turn
 
 POSE = turn(0.3, 50.0, 20.0)

@@ -5,9 +5,9 @@ import re
 import numpy as np
 import pytest
 
-from drivers.rigid import angle_from_rotation, rigid, rotation_from_vector
-from drivers.samples import Matrix4
-from drivers.trackers.reference_place import ReferencePlace
+from probewatch.drivers.rigid import angle_from_rotation, rigid, rotation_from_vector
+from probewatch.drivers.samples import Matrix4
+from probewatch.drivers.trackers.reference_place import ReferencePlace
 
 HZ, S_NS = 60, 1_000_000_000
 REST = rigid(rotation_from_vector(np.array([0.1, 0.4, -0.2])), np.array([150.0, -40.0, -1700.0]))

@@ -9,22 +9,22 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drivers.device_api import TrackerSource
-from drivers.errors import ConfigurationError
-from drivers.openigtlink.options import parse_target
-from drivers.openigtlink.source import open_tracker as open_igtl
-from drivers.rigid import angle_from_rotation, seen_from
-from drivers.samples import Matrix4, Pose, PoseStatus, Stamp
-from drivers.trackers.ndi.options import parse_options as ndi_options
-from drivers.trackers.ndi.tracker import NdiTracker
-from drivers.trackers.optotrak.tracker import parse_options as optotrak_options
-from drivers.trackers.witness import WitnessSight
-from drivers.twins.faults import BEND_DEG
-from drivers.twins.ndi.models import AURORA, SPECTRA, VEGA
-from drivers.twins.ndi.tool_definitions import make_rom
-from drivers.twins.optotrak.first_principles import Device
-from drivers.twins.scene.world import World
-from drivers.twins.tool_motion import WITNESS_MM, world_motion
+from probewatch.drivers.device_api import TrackerSource
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.drivers.openigtlink.options import parse_target
+from probewatch.drivers.openigtlink.source import open_tracker as open_igtl
+from probewatch.drivers.rigid import angle_from_rotation, seen_from
+from probewatch.drivers.samples import Matrix4, Pose, PoseStatus, Stamp
+from probewatch.drivers.trackers.ndi.options import parse_options as ndi_options
+from probewatch.drivers.trackers.ndi.tracker import NdiTracker
+from probewatch.drivers.trackers.optotrak.tracker import parse_options as optotrak_options
+from probewatch.drivers.trackers.witness import WitnessSight
+from probewatch.drivers.twins.faults import BEND_DEG
+from probewatch.drivers.twins.ndi.models import AURORA, SPECTRA, VEGA
+from probewatch.drivers.twins.ndi.tool_definitions import make_rom
+from probewatch.drivers.twins.optotrak.first_principles import Device
+from probewatch.drivers.twins.scene.world import World
+from probewatch.drivers.twins.tool_motion import WITNESS_MM, world_motion
 from tests.support import simulated_igtl, simulated_ndi, simulated_optotrak
 
 Show = Callable[..., None]

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from drivers.twins.scene.anatomy import RIBS_MM, rib_place
-from drivers.twins.scene.geometry import Geometry
-from drivers.twins.scene.patient import Patient
-from drivers.twins.scene.surroundings import surroundings
-from drivers.twins.scene.world import World, WorldSettings
+from probewatch.drivers.twins.scene.anatomy import RIBS_MM, rib_place
+from probewatch.drivers.twins.scene.geometry import Geometry
+from probewatch.drivers.twins.scene.patient import Patient
+from probewatch.drivers.twins.scene.surroundings import surroundings
+from probewatch.drivers.twins.scene.world import World, WorldSettings
 
 SETTINGS = WorldSettings(width_px=320, height_px=240, overlay=False)
 NO_DRAG = np.zeros(2)

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from drivers.errors import ConfigurationError
-from drivers.twins.scene.bedside import Bedside, scanned
-from drivers.twins.scene.softness import dragged_along
-from drivers.twins.scene.trajectory import Trajectory
-from drivers.twins.scene.world import World, WorldSettings
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.drivers.twins.scene.bedside import Bedside, scanned
+from probewatch.drivers.twins.scene.softness import dragged_along
+from probewatch.drivers.twins.scene.trajectory import Trajectory
+from probewatch.drivers.twins.scene.world import World, WorldSettings
 
 SETTINGS = WorldSettings(width_px=200, height_px=150)
 

@@ -8,11 +8,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from drivers.errors import ConfigurationError
-from drivers.twins.faults import CART_FAULTS, Episode, Schedule, blank_image, pose_time_s, spoil_image, spoil_pose
-from drivers.twins.ndi.measurement import faults_of
-from drivers.twins.scene.metal import COMES_IN_S, DISPLACED_MM, LEAVES_AT_S, PLACE_MM, near_metal
-from drivers.twins.scene.world import World
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.drivers.twins.faults import (
+    CART_FAULTS,
+    Episode,
+    Schedule,
+    blank_image,
+    pose_time_s,
+    spoil_image,
+    spoil_pose,
+)
+from probewatch.drivers.twins.ndi.measurement import faults_of
+from probewatch.drivers.twins.scene.metal import COMES_IN_S, DISPLACED_MM, LEAVES_AT_S, PLACE_MM, near_metal
+from probewatch.drivers.twins.scene.world import World
 
 IMAGE = np.random.default_rng(1).integers(0, 256, (48, 64), np.uint8)
 

@@ -2,9 +2,9 @@
 
 import pytest
 
-from drivers.openigtlink.tracker import IgtlTracker
-from drivers.registry import open_tracker
-from drivers.samples import Pose, PoseStatus
+from probewatch.drivers.openigtlink.tracker import IgtlTracker
+from probewatch.drivers.registry import open_tracker
+from probewatch.drivers.samples import Pose, PoseStatus
 from tests.support.simulated_igtl import Bench, bench
 
 RATE = 0.4

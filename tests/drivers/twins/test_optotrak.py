@@ -10,9 +10,9 @@ import time
 import numpy as np
 import pytest
 
-from drivers.clock.host_clock import HostClock
-from drivers.registry import open_tracker as open_by_url
-from drivers.trackers.optotrak.rtc3d import (
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.registry import open_tracker as open_by_url
+from probewatch.drivers.trackers.optotrak.rtc3d import (
     ByteOrder,
     PacketType,
     Text,
@@ -20,7 +20,7 @@ from drivers.trackers.optotrak.rtc3d import (
     encode_packet,
     packet_length,
 )
-from drivers.twins.scene.world import World
+from probewatch.drivers.twins.scene.world import World
 from tests.support.simulated import PROBEWATCH
 from tests.support.simulated_optotrak import bench, poses
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from drivers.twins.scene.processing import Processing, ProcessingScanner
+from probewatch.drivers.twins.scene.processing import Processing, ProcessingScanner
 
 RANDOM = np.random.default_rng(1).integers(0, 256, (60, 80), np.uint8)
 

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from drivers.errors import ConfigurationError
-from drivers.twins.scene.breathing import DIRECTIONS, Rhythm
-from drivers.twins.scene.geometry import Geometry
-from drivers.twins.scene.patient import Patient, face_at
-from drivers.twins.scene.softness import DRAG_DEPTH_MM, Face, Follow, displacement, dragged_along
-from drivers.twins.scene.surroundings import PARTS, surroundings
-from drivers.twins.scene.tissue import Beam, Renderer, grown
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.drivers.twins.scene.breathing import DIRECTIONS, Rhythm
+from probewatch.drivers.twins.scene.geometry import Geometry
+from probewatch.drivers.twins.scene.patient import Patient, face_at
+from probewatch.drivers.twins.scene.softness import DRAG_DEPTH_MM, Face, Follow, displacement, dragged_along
+from probewatch.drivers.twins.scene.surroundings import PARTS, surroundings
+from probewatch.drivers.twins.scene.tissue import Beam, Renderer, grown
 
 NO_DRAG = np.zeros(2)
 SCALE_MM = np.array([0.08, 0.07])

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from drivers.errors import ConfigurationError
-from drivers.samples import Matrix4
-from drivers.twins.scene.trajectory import PROGRAMS, Trajectory
-from drivers.twins.scene.world import World, WorldSettings
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.drivers.samples import Matrix4
+from probewatch.drivers.twins.scene.trajectory import PROGRAMS, Trajectory
+from probewatch.drivers.twins.scene.world import World, WorldSettings
 
 SCALE_MM = np.array([0.08, 0.07])
 CENTRE_PX = np.array([319.5, 239.5])

@@ -11,11 +11,11 @@ import cv2
 import numpy as np
 import pytest
 
-from drivers.clock.host_clock import HostClock
-from drivers.device_api import VideoSource
-from drivers.errors import ConfigurationError, DeviceLost
-from drivers.registry import open_video
-from drivers.samples import Frame
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.device_api import VideoSource
+from probewatch.drivers.errors import ConfigurationError, DeviceLost
+from probewatch.drivers.registry import open_video
+from probewatch.drivers.samples import Frame
 
 W, H, PICTURES = 160, 120, 20
 

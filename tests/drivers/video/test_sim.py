@@ -15,16 +15,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.clock.host_clock import HostClock
-from drivers.device_api import VideoSource
-from drivers.errors import ConfigurationError, DeviceLost, ProtocolError
-from drivers.registry import open_video
-from drivers.samples import Frame, GreyImage
-from drivers.twins.fault_control import FaultControl
-from drivers.twins.faults import FUTURE_S, PICTURE_FAULTS, Episode, Schedule
-from drivers.twins.scanner import Scanner, VideoPlug
-from drivers.twins.scene.world import World, WorldSettings
-from drivers.video.sim import HEADER_BYTES, FrameHeader, pack_frame
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.device_api import VideoSource
+from probewatch.drivers.errors import ConfigurationError, DeviceLost, ProtocolError
+from probewatch.drivers.registry import open_video
+from probewatch.drivers.samples import Frame, GreyImage
+from probewatch.drivers.twins.fault_control import FaultControl
+from probewatch.drivers.twins.faults import FUTURE_S, PICTURE_FAULTS, Episode, Schedule
+from probewatch.drivers.twins.scanner import Scanner, VideoPlug
+from probewatch.drivers.twins.scene.world import World, WorldSettings
+from probewatch.drivers.video.sim import HEADER_BYTES, FrameHeader, pack_frame
 from tests.support.polling import until
 from tests.support.simulated import PROBEWATCH
 from tests.support.stopwatch import Stopwatch

@@ -4,8 +4,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from appliance.core.handeye.motions import HandEye
-from drivers.rigid import Array, rotation_from_vector, vector_from_rotation
+from probewatch.appliance.core.handeye.motions import HandEye
+from probewatch.drivers.rigid import Array, rotation_from_vector, vector_from_rotation
 
 _ROUNDS = 20
 """Most Gauss–Newton steps; a step of less than 1e-13, which ends it, comes long before, as the calibrations are near

@@ -12,8 +12,8 @@ linearly from the others.
 
 import numpy as np
 
-from appliance.core.handeye.motions import UNKNOWN, HandEye, Motions
-from drivers.rigid import Array, nearest_rotation
+from probewatch.appliance.core.handeye.motions import UNKNOWN, HandEye, Motions
+from probewatch.drivers.rigid import Array, nearest_rotation
 
 _SINGULAR = 1e-7
 """Singular value, as a share of the largest, that counts as none: a little above the root of the rounding of double

@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from appliance.core.handeye.motions import HandEye, Motions
-from appliance.core.handeye.observability import natural_units
-from drivers.rigid import Array, rotation_from_vector, skew, vector_from_rotation
+from probewatch.appliance.core.handeye.motions import HandEye, Motions
+from probewatch.appliance.core.handeye.observability import natural_units
+from probewatch.drivers.rigid import Array, rotation_from_vector, skew, vector_from_rotation
 
 _ROUNDS, _SMALL = 60, 1e-12
 """Most Gauss–Newton steps, and the step (rad, relative, mm) that ends them. Near a good start a few are enough; the

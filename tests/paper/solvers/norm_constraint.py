@@ -7,8 +7,8 @@ docs/paper.md).
 
 import numpy as np
 
-from appliance.core.handeye.motions import HandEye, independent, without_offset
-from drivers.rigid import Array, nearest_rotation
+from probewatch.appliance.core.handeye.motions import HandEye, independent, without_offset
+from probewatch.drivers.rigid import Array, nearest_rotation
 
 
 def solve_norm_constraint(u: Array, v: Array) -> HandEye:

@@ -14,8 +14,8 @@ to the cross-wire (Eq. 7).
 
 import numpy as np
 
-from appliance.core.handeye.motions import UNKNOWN, HandEye, Motions, independent
-from drivers.rigid import Array, vector_from_rotation
+from probewatch.appliance.core.handeye.motions import UNKNOWN, HandEye, Motions, independent
+from probewatch.drivers.rigid import Array, vector_from_rotation
 
 _LEAST_TURN_RAD = 1e-6
 """A turn below this is rounding, not motion. Less would solve for an offset from nothing; no tracker measures a turn as

@@ -6,8 +6,8 @@ r_j = λ_j Σ_i u_i(j) v_i / Δ. Unit rows give λ_j. One of the three must lead
 
 import numpy as np
 
-from appliance.core.handeye.motions import HandEye, independent, rows_to_rotation, without_offset
-from drivers.rigid import Array, nearest_rotation
+from probewatch.appliance.core.handeye.motions import HandEye, independent, rows_to_rotation, without_offset
+from probewatch.drivers.rigid import Array, nearest_rotation
 
 
 def solve_three_translations(u: Array, t_b: Array) -> HandEye:

@@ -7,8 +7,8 @@ that are linear in λ²; the rotation follows from the two pairs and their cross
 
 import numpy as np
 
-from appliance.core.handeye.motions import HandEye, independent, without_offset
-from drivers.rigid import Array, nearest_rotation
+from probewatch.appliance.core.handeye.motions import HandEye, independent, without_offset
+from probewatch.drivers.rigid import Array, nearest_rotation
 from tests.paper.solvers.three_translations import solve_three_translations
 
 

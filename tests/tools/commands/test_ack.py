@@ -5,8 +5,8 @@ from typing import Any
 
 import pytest
 
-from appliance.service.control.server import ControlRefused, Peer
-from appliance.supervision.alarms import ACKNOWLEDGED
+from probewatch.appliance.service.control.server import ControlRefused, Peer
+from probewatch.appliance.supervision.alarms import ACKNOWLEDGED
 from tests.support.answering import Answers, recorded
 from tests.support.answers import answered
 

@@ -13,18 +13,18 @@ import pytest
 from click.testing import CliRunner
 from rich.console import Console
 
-from appliance.configuration.config import Config
-from appliance.service.control.server import Peer
-from appliance.storage.alarm_log import AlarmLog
-from appliance.storage.calibration_file import parse_calibration, read_calibration, write_calibration
-from appliance.storage.reference_store import FOLDER, HISTORY, Entry, History, sha256_of, write_history
+from probewatch.appliance.configuration.config import Config
+from probewatch.appliance.service.control.server import Peer
+from probewatch.appliance.storage.alarm_log import AlarmLog
+from probewatch.appliance.storage.calibration_file import parse_calibration, read_calibration, write_calibration
+from probewatch.appliance.storage.reference_store import FOLDER, HISTORY, Entry, History, sha256_of, write_history
+from probewatch.tools.commands.calibration import command as calibration_command
+from probewatch.tools.commands.calibration import list_references
+from probewatch.tools.shared.status_view import _origin
 from tests.appliance.configuration.test_config import GOOD
 from tests.support.answering import Answers, recorded
 from tests.support.answers import answered
 from tests.support.stores import PLUS, calibration, configuration, kept, log, place, settled, started, written
-from tools.commands.calibration import command as calibration_command
-from tools.commands.calibration import list_references
-from tools.shared.status_view import _origin
 
 pytestmark = pytest.mark.usefixtures("log")
 __all__ = ["log"]
@@ -150,7 +150,7 @@ def test_the_list_fits_the_terminal(config, columns: int) -> None:
     out = io.StringIO()
     console = Console(file=out, width=columns, force_terminal=True, color_system=None)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("tools.commands.calibration.Console", lambda **_: console)
+        patch.setattr("probewatch.tools.commands.calibration.Console", lambda **_: console)
         list_references.main(["--folder", str(config.alarm.folder)], standalone_mode=False)
     assert max(map(len, out.getvalue().splitlines())) <= columns
     assert kept(config).in_force.sha256[:12] in out.getvalue()

@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
-from appliance.core.parameters import PER_UNIT
-from appliance.core.quality.calibration_difference import difference
-from appliance.storage.alarm_chain import segments
-from appliance.storage.alarm_log import AlarmLog
-from appliance.storage.calibration_file import read_calibration, write_calibration
-from appliance.types import PARAMETERS
-from drivers.errors import ConfigurationError
+from probewatch.appliance.core.parameters import PER_UNIT
+from probewatch.appliance.core.quality.calibration_difference import difference
+from probewatch.appliance.storage.alarm_chain import segments
+from probewatch.appliance.storage.alarm_log import AlarmLog
+from probewatch.appliance.storage.calibration_file import read_calibration, write_calibration
+from probewatch.appliance.types import PARAMETERS
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.tools.commands.calibration import command
+from probewatch.tools.shared.motion_measured import HEADINGS
 from tests.support.stores import configuration, log, settled, started
-from tools.commands.calibration import command
-from tools.shared.motion_measured import HEADINGS
 
 pytestmark = pytest.mark.usefixtures("log")
 __all__ = ["log"]

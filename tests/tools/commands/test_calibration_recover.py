@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from appliance.core.parameters import QUANTITIES, class_of
-from appliance.core.quality.calibration_difference import difference
-from appliance.core.quality.proposal import proposal_fields, propose
-from appliance.service.control.server import ControlRefused, Peer
-from appliance.storage.calibration_file import read_calibration
-from appliance.storage.image_to_probe import image_to_probe
-from appliance.types import Calibration, Check, VerdictKind
-from drivers.rigid import rotation_from_vector
+from probewatch.appliance.core.parameters import QUANTITIES, class_of
+from probewatch.appliance.core.quality.calibration_difference import difference
+from probewatch.appliance.core.quality.proposal import proposal_fields, propose
+from probewatch.appliance.service.control.server import ControlRefused, Peer
+from probewatch.appliance.storage.calibration_file import read_calibration
+from probewatch.appliance.storage.image_to_probe import image_to_probe
+from probewatch.appliance.types import Calibration, Check, VerdictKind
+from probewatch.drivers.rigid import rotation_from_vector
 from tests.support.answering import Answering
 from tests.support.answers import answered
 from tests.support.stores import written

@@ -5,13 +5,13 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 
-from appliance.storage.calibration_file import write_calibration
+from probewatch.appliance.storage.calibration_file import write_calibration
+from probewatch.tools.commands.check import command, mistakes_in
+from probewatch.tools.shared.named_cart import CONFIG
 from tests.appliance.configuration.test_config import GOOD, written
 from tests.appliance.storage.test_calibration_file import calibration
 from tests.appliance.storage.test_device_set import device_set
 from tests.support.answers import answered
-from tools.commands.check import command, mistakes_in
-from tools.shared.named_cart import CONFIG
 
 
 def check(file: Path) -> Result:

@@ -7,22 +7,22 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 
-from appliance.configuration.config import CalibrationPlace, load_config
-from appliance.storage.calibration_file import write_calibration
-from appliance.supervision.annunciator import Role
-from drivers.errors import ConfigurationError
-from drivers.registry import split_url
-from tests.appliance.storage.test_calibration_file import calibration
-from tests.appliance.storage.test_device_set import CLIP, device_set
-from tests.support.person import Person
-from tests.tools.shared.test_device_question import Answers, tool_definition
-from tools.commands.configure import (
+from probewatch.appliance.configuration.config import CalibrationPlace, load_config
+from probewatch.appliance.storage.calibration_file import write_calibration
+from probewatch.appliance.supervision.annunciator import Role
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.drivers.registry import split_url
+from probewatch.tools.commands.configure import (
     _calibration,
     _connected,
     command,
 )
-from tools.shared.configuration_text import template
-from tools.shared.device_question import DeviceQuestion
+from probewatch.tools.shared.configuration_text import template
+from probewatch.tools.shared.device_question import DeviceQuestion
+from tests.appliance.storage.test_calibration_file import calibration
+from tests.appliance.storage.test_device_set import CLIP, device_set
+from tests.support.person import Person
+from tests.tools.shared.test_device_question import Answers, tool_definition
 
 DEVICES = (
     "--video",
@@ -204,7 +204,7 @@ def test_files_that_the_unit_cannot_see_are_asked_for_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """As of a home; here of /tmp, which is the unit's own as well."""
-    monkeypatch.setattr("tools.shared.unit_sight._HIDDEN", (str(tmp_path / "home"),))
+    monkeypatch.setattr("probewatch.tools.shared.unit_sight._HIDDEN", (str(tmp_path / "home"),))
     (tmp_path / "home").mkdir()
     seen, hidden = tool_definition(tmp_path / "seen.rom"), tool_definition(tmp_path / "home" / "hidden.rom")
     (link := tmp_path / "link.rom").symlink_to(hidden)
@@ -259,7 +259,7 @@ def test_a_slip_in_an_option_is_told_before_any_device_is_tried(
 ) -> None:
     """Each is tried for seconds."""
     tried: list[str] = []
-    monkeypatch.setattr("tools.commands.configure._try", lambda url, *_: tried.append(url))
+    monkeypatch.setattr("probewatch.tools.commands.configure._try", lambda url, *_: tried.append(url))
     refused = refusal(configured(file, *DEVICES, *slip, "--no-calibration", "--yes"))
     assert ("'chan" in refused, tried, file.read_text()) == (True, [], template())
     assert configured(file, *DEVICES, "--no-calibration", "--yes").exit_code == 0

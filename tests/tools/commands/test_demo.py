@@ -2,8 +2,8 @@
 
 import pytest
 
+from probewatch.tools.demo.script import FAULT_CLASS
 from tests.support.answers import answered
-from tools.demo.script import FAULT_CLASS
 
 
 @pytest.mark.parametrize(

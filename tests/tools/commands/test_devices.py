@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from drivers.io.inventory import Found, gpio_chips, serial_ports, video_devices
+from probewatch.drivers.io.inventory import Found, gpio_chips, serial_ports, video_devices
 from tests.support.answers import answered
 
 PROBEWATCH = Path(sys.executable).parent / "probewatch"

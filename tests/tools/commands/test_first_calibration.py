@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from appliance.storage.calibration_file import _File, read_calibration, write_calibration
-from appliance.storage.image_to_probe import calibration_from_image_to_probe, image_to_probe
-from appliance.types import PARAMETERS, Calibration
-from drivers.recordings.metaimage_writing import SequenceItem, write_metaimage
-from drivers.rigid import rotation_from_vector, vector_from_rotation
-from drivers.twins.scene.world import World
+from probewatch.appliance.storage.calibration_file import _File, read_calibration, write_calibration
+from probewatch.appliance.storage.image_to_probe import calibration_from_image_to_probe, image_to_probe
+from probewatch.appliance.types import PARAMETERS, Calibration
+from probewatch.drivers.recordings.metaimage_writing import SequenceItem, write_metaimage
+from probewatch.drivers.rigid import rotation_from_vector, vector_from_rotation
+from probewatch.drivers.twins.scene.world import World
 from tests.support.answers import answered
 from tests.support.recordings import items
 

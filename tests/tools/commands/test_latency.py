@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from appliance.storage.calibration_file import write_calibration
-from appliance.storage.image_to_probe import calibration_from_image_to_probe
-from drivers.errors import RecordingError
-from drivers.recordings.metaimage_writing import write_metaimage
-from drivers.recordings.replay import open_recording
+from probewatch.appliance.storage.calibration_file import write_calibration
+from probewatch.appliance.storage.image_to_probe import calibration_from_image_to_probe
+from probewatch.drivers.errors import RecordingError
+from probewatch.drivers.recordings.metaimage_writing import write_metaimage
+from probewatch.drivers.recordings.replay import open_recording
+from probewatch.tools.commands.latency import command
 from tests.support.answers import answered
 from tests.support.recordings import NWIRE_IMAGE_TO_PROBE, items, plus_file
-from tools.commands.latency import command
 
 
 def n_wires(folder: Path) -> list[object]:

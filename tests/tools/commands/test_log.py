@@ -8,12 +8,12 @@ from typing import Any
 import pytest
 from click.testing import CliRunner, Result
 
-from appliance.storage import alarm_chain
-from appliance.storage.alarm_chain import Event, Latch, segments
-from appliance.storage.alarm_log import AlarmLog
-from drivers.errors import ConfigurationError
+from probewatch.appliance.storage import alarm_chain
+from probewatch.appliance.storage.alarm_chain import Event, Latch, segments
+from probewatch.appliance.storage.alarm_log import AlarmLog
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.tools.commands.log import command
 from tests.support.answers import answered
-from tools.commands.log import command
 
 NOON = datetime(2026, 1, 1, 12, tzinfo=UTC)
 

@@ -8,24 +8,24 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
-from appliance.configuration.config import load_config
-from appliance.configuration.noise_file import read_noise
-from appliance.core.estimator_settings import EstimatorSettings
-from appliance.limits import NAMED_NATS
-from appliance.storage.calibration_file import write_calibration
-from appliance.storage.image_to_probe import calibration_from_image_to_probe
-from appliance.types import Calibration
-from drivers.errors import ProbewatchError
-from drivers.recordings.metaimage_writing import write_metaimage
-from drivers.samples import Frame, Stamp
-from drivers.twins.faults import Schedule
-from drivers.twins.scene.world import WorldSettings
+from probewatch.appliance.configuration.config import load_config
+from probewatch.appliance.configuration.noise_file import read_noise
+from probewatch.appliance.core.estimator_settings import EstimatorSettings
+from probewatch.appliance.limits import NAMED_NATS
+from probewatch.appliance.storage.calibration_file import write_calibration
+from probewatch.appliance.storage.image_to_probe import calibration_from_image_to_probe
+from probewatch.appliance.types import Calibration
+from probewatch.drivers.errors import ProbewatchError
+from probewatch.drivers.recordings.metaimage_writing import write_metaimage
+from probewatch.drivers.samples import Frame, Stamp
+from probewatch.drivers.twins.faults import Schedule
+from probewatch.drivers.twins.scene.world import WorldSettings
+from probewatch.tools.commands import noise
+from probewatch.tools.commands.noise import command
 from tests.appliance.configuration.test_config import GOOD, written
 from tests.support.black_boxes import record
 from tests.support.recordings import items, picture
 from tests.support.sessions import SWEPT, kept, session
-from tools.commands import noise
-from tools.commands.noise import command
 
 SMALL = WorldSettings(width_px=400, height_px=300, scale_mm_per_px=(0.09, 0.08))
 FLIP = '[{"fault": "flip-lateral", "from_s": 3.0, "to_s": null}]'

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from appliance.service.control.server import Peer
+from probewatch.appliance.service.control.server import Peer
 from tests.support.answering import Answers, recorded
 from tests.support.answers import answered
 

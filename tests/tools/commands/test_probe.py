@@ -15,21 +15,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.clock.host_clock import HostClock
-from drivers.openigtlink.image import Image
-from drivers.openigtlink.message import Message, encode
-from drivers.recordings.metaimage_writing import SequenceItem, write_metaimage
-from drivers.samples import Frame, Pose, PoseStatus, Stamp
-from drivers.twins.pty_line import PtyLine
-from drivers.twins.relay_board import RelayBoard
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.openigtlink.image import Image
+from probewatch.drivers.openigtlink.message import Message, encode
+from probewatch.drivers.recordings.metaimage_writing import SequenceItem, write_metaimage
+from probewatch.drivers.samples import Frame, Pose, PoseStatus, Stamp
+from probewatch.drivers.twins.pty_line import PtyLine
+from probewatch.drivers.twins.relay_board import RelayBoard
+from probewatch.tools.commands.probe import Measured, _time_rows, findings
+from probewatch.tools.selftest.items import timing
+from probewatch.tools.shared.time_quality import time_quality
 from tests.support import simulated_igtl
 from tests.support.answers import answered
 from tests.support.boards import running_board
 from tests.support.recordings import SIZE_PX, items
 from tests.support.simulated_optotrak import bench
-from tools.commands.probe import Measured, _time_rows, findings
-from tools.selftest.items import timing
-from tools.shared.time_quality import time_quality
 
 PROBEWATCH = Path(sys.executable).parent / "probewatch"
 MS = 1_000_000

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from drivers.errors import DeviceLost
-from drivers.samples import Frame, Pose, PoseStatus, Stamp
+from probewatch.drivers.errors import DeviceLost
+from probewatch.drivers.samples import Frame, Pose, PoseStatus, Stamp
+from probewatch.tools.commands.probe import Measured, _too_few, complaints
 from tests.tools.commands.test_probe import MS, placed, pose
-from tools.commands.probe import Measured, _too_few, complaints
 
 
 def test_so_few_samples_that_they_have_no_rate_are_poor() -> None:

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from appliance.service.control.server import ControlRefused, Peer
-from appliance.storage.calibration_file import read_calibration, write_calibration
-from appliance.storage.image_to_probe import calibration_from_image_to_probe, image_to_probe
-from drivers.recordings.metaimage_writing import SequenceItem, write_metaimage
-from drivers.twins.scene.world import World, WorldSettings
+from probewatch.appliance.service.control.server import ControlRefused, Peer
+from probewatch.appliance.storage.calibration_file import read_calibration, write_calibration
+from probewatch.appliance.storage.image_to_probe import calibration_from_image_to_probe, image_to_probe
+from probewatch.drivers.recordings.metaimage_writing import SequenceItem, write_metaimage
+from probewatch.drivers.twins.scene.world import World, WorldSettings
 from tests.support import stores
 from tests.support.answering import Answers
 from tests.support.answers import Answer, answered

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
+from probewatch.tools.recalibration.paperwork import Begin, Signature, sign_off
+from probewatch.tools.recalibration.terminal import words
 from tests.support.answering import Answering
 from tests.support.answers import answered
-from tools.recalibration.paperwork import Begin, Signature, sign_off
-from tools.recalibration.terminal import words
 
 
 @pytest.mark.parametrize(

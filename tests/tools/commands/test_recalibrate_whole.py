@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from appliance.storage.calibration_file import read_calibration
-from appliance.storage.image_to_probe import calibration_from_image_to_probe, image_to_probe
-from drivers.files.markup import toml_of
-from drivers.recordings.metaimage_writing import SequenceItem, write_metaimage
-from drivers.rigid import vector_from_rotation
-from drivers.twins.scene.world import World, WorldSettings
+from probewatch.appliance.storage.calibration_file import read_calibration
+from probewatch.appliance.storage.image_to_probe import calibration_from_image_to_probe, image_to_probe
+from probewatch.drivers.files.markup import toml_of
+from probewatch.drivers.recordings.metaimage_writing import SequenceItem, write_metaimage
+from probewatch.drivers.rigid import vector_from_rotation
+from probewatch.drivers.twins.scene.world import World, WorldSettings
 from tests.support.answers import answered
 
 SIZE_PX = (320, 240)

@@ -11,13 +11,13 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
-from appliance.configuration.config import load_config
-from appliance.service.control.server import ControlRefused
-from drivers.errors import ConfigurationError
+from probewatch.appliance.configuration.config import load_config
+from probewatch.appliance.service.control.server import ControlRefused
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.tools.commands.record import command, told
+from probewatch.tools.recorder.run import RecorderService, ask
 from tests.appliance.configuration.test_config import GOOD
 from tests.support.answers import answered
-from tools.commands.record import command, told
-from tools.recorder.run import RecorderService, ask
 
 ANSWER: dict[str, Any] = {
     "ok": True,

@@ -10,9 +10,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from drivers.clock.host_clock import HostClock
-from drivers.twins.pty_line import PtyLine
-from drivers.twins.relay_board import RelayBoard
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.twins.pty_line import PtyLine
+from probewatch.drivers.twins.relay_board import RelayBoard
 from tests.support.answering import Answering
 from tests.support.answers import answered
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from appliance.service.control.server import ControlRefused, Peer
+from probewatch.appliance.service.control.server import ControlRefused, Peer
 from tests.support.answering import Answers
 from tests.support.answers import answered
 

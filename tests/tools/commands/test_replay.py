@@ -7,20 +7,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from appliance.limits import Limits
-from appliance.service.devices.source_thread import TrackerThread
-from appliance.supervision.timeline import Judging, Timeline
-from appliance.supervision.watchers.device_health import DeviceHealth, Timeouts
-from appliance.supervision.watchers.devices import watch_devices
-from appliance.types import Fault, State, Verdict, VerdictKind
-from drivers.clock.host_clock import HostClock
-from drivers.recordings.metaimage_writing import write_metaimage
-from drivers.recordings.replay import open_recording
-from drivers.samples import Frame, Pose, PoseStatus, Stamp
-from drivers.twins.faults import Episode, Schedule
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.service.devices.source_thread import TrackerThread
+from probewatch.appliance.supervision.timeline import Judging, Timeline
+from probewatch.appliance.supervision.watchers.device_health import DeviceHealth, Timeouts
+from probewatch.appliance.supervision.watchers.devices import watch_devices
+from probewatch.appliance.types import Fault, State, Verdict, VerdictKind
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.recordings.metaimage_writing import write_metaimage
+from probewatch.drivers.recordings.replay import open_recording
+from probewatch.drivers.samples import Frame, Pose, PoseStatus, Stamp
+from probewatch.drivers.twins.faults import Episode, Schedule
+from probewatch.tools.shared.inject import inject
 from tests.support.answers import answered
 from tests.support.recordings import PERIOD_NS, REPLAYED_PX, START_NS, items, picture, plus_file
-from tools.shared.inject import inject
 
 
 def spoiled(path, *episodes):

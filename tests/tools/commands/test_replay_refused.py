@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.recordings.metaimage_writing import write_metaimage
+from probewatch.drivers.recordings.metaimage_writing import write_metaimage
 from tests.support.answers import answered
 from tests.support.recordings import REPLAYED_PX, items, turn
 from tests.tools.commands.test_replay import run

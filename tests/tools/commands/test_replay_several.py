@@ -11,21 +11,21 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from appliance.core.estimator_settings import EstimatorSettings
-from appliance.limits import Limits
-from appliance.storage.calibration_file import write_calibration
-from appliance.storage.image_to_probe import calibration_from_image_to_probe
-from appliance.types import Calibration
-from drivers.errors import ConfigurationError, RecordingError
-from drivers.recordings.metaimage_writing import write_metaimage
-from drivers.recordings.nrrd import write_nrrd
-from drivers.samples import Frame, Stamp
-from drivers.twins.scene.world import WorldSettings
+from probewatch.appliance.core.estimator_settings import EstimatorSettings
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.storage.calibration_file import write_calibration
+from probewatch.appliance.storage.image_to_probe import calibration_from_image_to_probe
+from probewatch.appliance.types import Calibration
+from probewatch.drivers.errors import ConfigurationError, RecordingError
+from probewatch.drivers.recordings.metaimage_writing import write_metaimage
+from probewatch.drivers.recordings.nrrd import write_nrrd
+from probewatch.drivers.samples import Frame, Stamp
+from probewatch.drivers.twins.scene.world import WorldSettings
+from probewatch.tools.commands.replay import command
+from probewatch.tools.shared.found_recordings import found as found_recordings
 from tests.support.black_boxes import record
 from tests.support.recordings import REPLAYED_PX, items
 from tests.support.sessions import kept, session
-from tools.commands.replay import command
-from tools.shared.found_recordings import found as found_recordings
 
 SMALL = WorldSettings(width_px=400, height_px=300, scale_mm_per_px=(0.09, 0.08))
 

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from appliance.service.control.client import ControlClient
-from appliance.service.host.systemd_notify import Notifier
-from drivers.errors import DeviceLost
+from probewatch.appliance.service.control.client import ControlClient
+from probewatch.appliance.service.host.systemd_notify import Notifier
+from probewatch.drivers.errors import DeviceLost
 from tests.support.answers import answered
 from tests.support.demo_cart import PROBEWATCH
 from tests.support.polling import until

@@ -6,10 +6,10 @@ from pathlib import Path
 import click
 import pytest
 
-from drivers.errors import ConfigurationError
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.tools.simulators.cart import _claimed, _recorder
+from probewatch.tools.simulators.whole_cart import SimulatedDevices
 from tests.support.answers import answered
-from tools.simulators.cart import _claimed, _recorder
-from tools.simulators.whole_cart import SimulatedDevices
 
 
 @pytest.mark.parametrize("option", ["--write", "--folder"])

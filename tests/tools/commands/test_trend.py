@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
-from appliance.storage.alarm_chain import segments
-from appliance.storage.alarm_log import AlarmLog
-from drivers.errors import ConfigurationError
-from tools.commands.trend import command
+from probewatch.appliance.storage.alarm_chain import segments
+from probewatch.appliance.storage.alarm_log import AlarmLog
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.tools.commands.trend import command
 
 NOON = datetime(2026, 1, 1, 12, tzinfo=UTC)
 

@@ -2,15 +2,15 @@
 
 import pytest
 
-from appliance.limits import Limits
-from appliance.types import Kind, State
-from drivers.errors import ConfigurationError
-from drivers.twins.faults import SLIDE_MM
-from drivers.twins.scene.world import World
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.types import Kind, State
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.drivers.twins.faults import SLIDE_MM
+from probewatch.drivers.twins.scene.world import World
+from probewatch.tools.demo.director import Director
+from probewatch.tools.demo.outcome import History, Moment, judge
+from probewatch.tools.demo.script import FAULT_CLASS, HEALTHY_S, Injection, Planned, Script, chosen_plan, default_plan
 from tests.appliance.core.test_line import truth
-from tools.demo.director import Director
-from tools.demo.outcome import History, Moment, judge
-from tools.demo.script import FAULT_CLASS, HEALTHY_S, Injection, Planned, Script, chosen_plan, default_plan
 
 MONITORING, WARNING, HALT = State.MONITORING, State.WARNING, State.HALT
 REQUESTED, LOST = State.RECALIBRATION_REQUESTED, State.DEVICE_LOST

@@ -6,12 +6,12 @@ import json
 import pytest
 from rich.console import Console
 
-from appliance.types import State
-from tools.demo.director import Director
-from tools.demo.live_view import LiveView
-from tools.demo.outcome import History, Moment, Prompt, Switch, judge
-from tools.demo.report import Circumstances, print_report, report_fields
-from tools.demo.script import Injection, Planned, Script
+from probewatch.appliance.types import State
+from probewatch.tools.demo.director import Director
+from probewatch.tools.demo.live_view import LiveView
+from probewatch.tools.demo.outcome import History, Moment, Prompt, Switch, judge
+from probewatch.tools.demo.report import Circumstances, print_report, report_fields
+from probewatch.tools.demo.script import Injection, Planned, Script
 
 MONITORING, WARNING, HALT = State.MONITORING, State.WARNING, State.HALT
 REQUESTED, LOST = State.RECALIBRATION_REQUESTED, State.DEVICE_LOST

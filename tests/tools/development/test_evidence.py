@@ -7,14 +7,14 @@ from xml.etree import ElementTree
 import pytest
 from click.testing import CliRunner
 
-from drivers.errors import ConfigurationError
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.tools.development import evidence
+from probewatch.tools.development.evidence import PLANS, coverage_plan, full_plan, main, short_plan
+from probewatch.tools.development.evidence_figures import Figures, Score, figures
+from probewatch.tools.development.evidence_pages import pages
+from probewatch.tools.study.hand import PROGRAMS
+from probewatch.tools.study.hazard import FAULTS
 from tests.tools.study.test_summary import row
-from tools.development import evidence
-from tools.development.evidence import PLANS, coverage_plan, full_plan, main, short_plan
-from tools.development.evidence_figures import Figures, Score, figures
-from tools.development.evidence_pages import pages
-from tools.study.hand import PROGRAMS
-from tools.study.hazard import FAULTS
 
 ROWS = [
     *(row("fan", seed, closed=0.2 * seed) | {"commit": "c1"} for seed in (1, 2, 3)),

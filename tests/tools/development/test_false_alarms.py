@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from tools.development import false_alarm_pages, false_alarms
-from tools.development.false_alarm_pages import false_alarm_lines, interval
-from tools.development.false_alarms import KEYS, NOISES, Quiet, main, planned, tracker_noise, written
-from tools.study.session import Session
-from tools.study.summary import Row
+from probewatch.tools.development import false_alarm_pages, false_alarms
+from probewatch.tools.development.false_alarm_pages import false_alarm_lines, interval
+from probewatch.tools.development.false_alarms import KEYS, NOISES, Quiet, main, planned, tracker_noise, written
+from probewatch.tools.study.session import Session
+from probewatch.tools.study.summary import Row
 
 ROW: Row = {
     "session": "gesture-fan", "tissue": "still", "noise": "t5", "seed": "1", "duration_s": "1800", "signs": "2",

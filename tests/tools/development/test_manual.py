@@ -7,20 +7,20 @@ from pathlib import Path
 
 import pytest
 
-from appliance.configuration.config import SupervisorTimes
-from appliance.core.quality.gesture import Gesture
-from appliance.limits import Limits
-from appliance.service.control.requests import Requests, ServiceActions
-from appliance.service.control.status import alarm_fields, check_lists
-from appliance.supervision.alarms import HAZARDS
-from appliance.supervision.supervisor import AlarmTable
-from appliance.types import AlarmState, Fault, State
-from drivers.registry import drivers
-from tools.development import driver_pages, status_pages
-from tools.development.evidence_pages import pages, read_figures
-from tools.development.hazards import PAGE, ROOT, TESTS, found_by, hazards, traced
-from tools.development.manual import MANUAL, drawings, manual, profiles
-from tools.study.hazard import FAULTS
+from probewatch.appliance.configuration.config import SupervisorTimes
+from probewatch.appliance.core.quality.gesture import Gesture
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.service.control.requests import Requests, ServiceActions
+from probewatch.appliance.service.control.status import alarm_fields, check_lists
+from probewatch.appliance.supervision.alarms import HAZARDS
+from probewatch.appliance.supervision.supervisor import AlarmTable
+from probewatch.appliance.types import AlarmState, Fault, State
+from probewatch.drivers.registry import drivers
+from probewatch.tools.development import driver_pages, status_pages
+from probewatch.tools.development.evidence_pages import pages, read_figures
+from probewatch.tools.development.hazards import PAGE, ROOT, TESTS, found_by, hazards, traced
+from probewatch.tools.development.manual import MANUAL, drawings, manual, profiles
+from probewatch.tools.study.hazard import FAULTS
 
 DOCS = Path(__file__).parents[3] / "docs"
 FIGURES = read_figures()
@@ -98,7 +98,7 @@ def test_the_anomalies_of_a_hazard_are_found_in_all_tables_of_their_page(
     head = "| | what | effect |\n|---|---|---|\n"
     tables = (f"{head}| {7 + k} | {row} | none |\n" for k, row in enumerate(rows))
     known.write_text("\n## Another part\n".join(tables))
-    monkeypatch.setattr("tools.development.hazards.ANOMALIES", known)
+    monkeypatch.setattr("probewatch.tools.development.hazards.ANOMALIES", known)
     page = " ".join(hazards(FIGURES).split())
     assert "2 of the 4 there name no hazard" in page
     for fault, numbers in (("latency", "7, 8"), ("scale", "8"), ("polarity", "none")):

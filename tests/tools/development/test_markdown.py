@@ -1,6 +1,6 @@
 """Tables of the pages."""
 
-from tools.development.markdown import shared_aside
+from probewatch.tools.development.markdown import shared_aside
 
 HEAD = ("hazard", "session", "seeds")
 

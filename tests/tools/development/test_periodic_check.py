@@ -4,10 +4,10 @@ shipped ones."""
 import re
 from pathlib import Path
 
-from appliance.limits import Limits
-from appliance.supervision.policy import Durations
-from appliance.types import State
-from tools.commands.probe import _LOOSE_BOUND_MS, _MANY_LOST, _POOR_FIT_MM
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.supervision.policy import Durations
+from probewatch.appliance.types import State
+from probewatch.tools.commands.probe import _LOOSE_BOUND_MS, _MANY_LOST, _POOR_FIT_MM
 
 DOCS = Path(__file__).parents[3] / "docs"
 SHEET, CONTROL = ((DOCS / name).read_text() for name in ("periodic-check.md", "control.md"))

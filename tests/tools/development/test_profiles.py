@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from drivers.errors import ConfigurationError
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.tools.development.profiles import figures, main, page
 from tests.tools.study.test_summary import row
-from tools.development.profiles import figures, main, page
 
 ORIGIN = {"commit": "0123456789ab"}
 

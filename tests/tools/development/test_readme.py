@@ -3,8 +3,8 @@
 import re
 from statistics import median
 
-from tools.development.evidence_pages import read_figures
-from tools.development.hazards import ROOT
+from probewatch.tools.development.evidence_pages import read_figures
+from probewatch.tools.development.hazards import ROOT
 
 KINDS = {
     "picture mirrored": ("flip-lateral", "flip-axial"),

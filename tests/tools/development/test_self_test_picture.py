@@ -5,9 +5,9 @@ from xml.etree import ElementTree
 
 import pytest
 
+from probewatch.tools.development.self_test_picture import PICTURE, picture
+from probewatch.tools.selftest import items
 from tests.tools.selftest.test_items import poses
-from tools.development.self_test_picture import PICTURE, picture
-from tools.selftest import items
 
 _MOST = re.compile(r"(-?[\d.]+) (%|ms), at most ([\d.]+) (?:%|ms)")
 _LEAST = re.compile(r"([\d.]+) / s, ([\d.]+) / s at least")

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tools.development import slips
+from probewatch.tools.development import slips
 
 
 def figure(session: str, lasting_s: float, tried: int, named: int, doubted: int) -> dict[str, object]:

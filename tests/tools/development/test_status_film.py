@@ -3,8 +3,8 @@
 import re
 from xml.etree import ElementTree
 
+from probewatch.tools.development.status_film import LARGEST_BYTES, PICTURE, Look, film
 from tests.tools.shared.test_status_view import status
-from tools.development.status_film import LARGEST_BYTES, PICTURE, Look, film
 
 ROOT = PICTURE.parents[2]
 STATES = ("NOT VERIFIED", "MONITORING", "WARNING", "HALT")

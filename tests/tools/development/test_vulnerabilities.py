@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tools.development.vulnerabilities import FOUND, NOT_CHECKED, judged, main
+from probewatch.tools.development.vulnerabilities import FOUND, NOT_CHECKED, judged, main
 
 ROOT = Path(__file__).parents[3]
 WELL = {"name": "numpy", "version": "2.0", "vulns": []}

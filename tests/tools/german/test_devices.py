@@ -7,18 +7,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.clock.host_clock import HostClock
-from drivers.recordings.metaimage_writing import write_metaimage
-from drivers.samples import Frame, PoseStatus, Stamp
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.recordings.metaimage_writing import write_metaimage
+from probewatch.drivers.samples import Frame, PoseStatus, Stamp
+from probewatch.tools.commands.probe import _MEND, Measured, complaints, findings
+from probewatch.tools.german.devices import _WORDS, GERMAN_OF_DEVICES, GERMAN_OF_MENDING, device_text
+from probewatch.tools.shared import named_cart
 from tests.support.answers import answered
 from tests.support.boards import running_board
 from tests.support.recordings import SIZE_PX, items
 from tests.support.rigs import lines
 from tests.tools.commands.test_devices import add_gpio, add_usb_serial, link, put
 from tests.tools.commands.test_probe import MS, placed, pose
-from tools.commands.probe import _MEND, Measured, complaints, findings
-from tools.german.devices import _WORDS, GERMAN_OF_DEVICES, GERMAN_OF_MENDING, device_text
-from tools.shared import named_cart
 
 TOOLS = Path(__file__).parents[3]
 FOLDERS = ("tools", "drivers")

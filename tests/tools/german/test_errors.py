@@ -6,15 +6,15 @@ from pathlib import Path
 
 import pytest
 
-from appliance.storage.alarm_log import AlarmLog
-from appliance.storage.calibration_file import read_calibration
-from appliance.storage.reference_store import FOLDER, HISTORY, History, read_history, write_history
-from drivers.errors import ConfigurationError, DeviceLost, ProbewatchError
+from probewatch.appliance.storage.alarm_log import AlarmLog
+from probewatch.appliance.storage.calibration_file import read_calibration
+from probewatch.appliance.storage.reference_store import FOLDER, HISTORY, History, read_history, write_history
+from probewatch.drivers.errors import ConfigurationError, DeviceLost, ProbewatchError
+from probewatch.tools.german.calibrations import GERMAN_OF_CALIBRATIONS
+from probewatch.tools.german.errors import GERMAN_OF_ERRORS
+from probewatch.tools.german.translation import lost_text, tell_refused
 from tests.support.answering import Answering
 from tests.support.answers import answered
-from tools.german.calibrations import GERMAN_OF_CALIBRATIONS
-from tools.german.errors import GERMAN_OF_ERRORS
-from tools.german.translation import lost_text, tell_refused
 
 ROOT = Path(__file__).parents[3]
 OF_THE_SYSTEM = ("no such file or directory", "No such file or directory", "Permission denied")

@@ -6,9 +6,9 @@ from typing import Any
 
 import pytest
 
+from probewatch.tools.commands import record
+from probewatch.tools.german.recorder import GERMAN_OF_RECORDER, recorder_text
 from tests.tools.commands.test_record import ANSWER
-from tools.commands import record
-from tools.german.recorder import GERMAN_OF_RECORDER, recorder_text
 
 OTHERWISE: list[dict[str, Any]] = [
     {},

@@ -9,21 +9,21 @@ from pathlib import Path
 
 import pytest
 
-from appliance.storage.alarm_chain import CUT_OFF, Damage, read_log
-from appliance.storage.alarm_log import AlarmLog
-from appliance.storage.reference_dates import Dates
-from appliance.storage.reference_store import History, read_history, sha256_of, write_history
-from appliance.supervision.languages import GERMAN
-from appliance.types import Fault
-from drivers.errors import ConfigurationError
+from probewatch.appliance.storage.alarm_chain import CUT_OFF, Damage, read_log
+from probewatch.appliance.storage.alarm_log import AlarmLog
+from probewatch.appliance.storage.reference_dates import Dates
+from probewatch.appliance.storage.reference_store import History, read_history, sha256_of, write_history
+from probewatch.appliance.supervision.languages import GERMAN
+from probewatch.appliance.types import Fault
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.tools.german.translation import damage_text, lost_text, recognised
+from probewatch.tools.report.period import PERIODS, Summary, period, summary
+from probewatch.tools.report.period_page import write_period_page
+from probewatch.tools.report.trend_page import write_trend_page
+from probewatch.tools.shared.trend_table import HEADINGS, row_of, trends, unit_of
 from tests.tools.german.test_translation import GERMAN_OF_TOOLS
 from tests.tools.report.test_period import MONTH, NOW, logged, state
 from tests.tools.report.test_period_page import body, cart, made, reference
-from tools.german.translation import damage_text, lost_text, recognised
-from tools.report.period import PERIODS, Summary, period, summary
-from tools.report.period_page import write_period_page
-from tools.report.trend_page import write_trend_page
-from tools.shared.trend_table import HEADINGS, row_of, trends, unit_of
 
 __all__ = ["cart"]
 OURS = {fault.value for fault in Fault} | {"Name", "SHA-256", "probewatch", "UTC", "min", "Version"}

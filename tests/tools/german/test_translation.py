@@ -10,21 +10,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from appliance.storage.reference_dates import Dates
-from appliance.supervision.languages import GERMAN
-from drivers.samples import Frame, Pose, PoseStatus, Stamp
+from probewatch.appliance.storage.reference_dates import Dates
+from probewatch.appliance.supervision.languages import GERMAN
+from probewatch.drivers.samples import Frame, Pose, PoseStatus, Stamp
+from probewatch.tools.german.questions import GERMAN_OF_QUESTIONS
+from probewatch.tools.german.reports import GERMAN_OF_REPORTS
+from probewatch.tools.german.setup import GERMAN_OF_SETUP
+from probewatch.tools.german.texts import GERMAN_OF_TOOLS as GERMAN_OF_TEXTS
+from probewatch.tools.german.translation import _of_page, confirmed, recognised, told
+from probewatch.tools.selftest import items
+from probewatch.tools.selftest.baseline import beside, chosen
+from probewatch.tools.selftest.items import Item
+from probewatch.tools.shared.interruption import Stopped, stopped_saying
 from tests.support.answering import Answering, recorded
 from tests.support.answers import answered
 from tests.tools.selftest.test_items import poses
-from tools.german.questions import GERMAN_OF_QUESTIONS
-from tools.german.reports import GERMAN_OF_REPORTS
-from tools.german.setup import GERMAN_OF_SETUP
-from tools.german.texts import GERMAN_OF_TOOLS as GERMAN_OF_TEXTS
-from tools.german.translation import _of_page, confirmed, recognised, told
-from tools.selftest import items
-from tools.selftest.baseline import beside, chosen
-from tools.selftest.items import Item
-from tools.shared.interruption import Stopped, stopped_saying
 
 TABLES = (GERMAN_OF_TEXTS, GERMAN_OF_SETUP, GERMAN_OF_QUESTIONS, GERMAN_OF_REPORTS)
 GERMAN_OF_TOOLS = {text: german for table in TABLES for text, german in table.items()}
@@ -43,7 +43,7 @@ def sources() -> Iterator[str]:
 
 def told_texts() -> set[str]:
     """The first argument of every call of `told`, by itself or by a name that stands for it."""
-    speaking = [source for source in sources() if "from tools.german.translation import" in source]
+    speaking = [source for source in sources() if "from probewatch.tools.german.translation import" in source]
     return {text for source in speaking for text in told_in(ast.parse(source))}
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from tools.german.usage import GERMAN_OF_USAGE, usage_text
+from probewatch.tools.german.usage import GERMAN_OF_USAGE, usage_text
 
 TOOLS = Path(__file__).parents[3] / "tools"
 FOLDERS = (TOOLS / "commands", TOOLS / "shared", TOOLS / "recalibration", Path(click.__file__).parent)

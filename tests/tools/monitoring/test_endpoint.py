@@ -17,16 +17,16 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from drivers.errors import ConfigurationError
-from drivers.printable import printable
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.drivers.printable import printable
+from probewatch.tools.cli import probewatch
+from probewatch.tools.monitoring.endpoint import Endpoint
+from probewatch.tools.monitoring.reading import Exposition
+from probewatch.tools.shared.listen_address import listen_address
 from tests.support.answering import Answering
 from tests.support.demo_cart import PROBEWATCH
 from tests.support.polling import until
 from tests.support.stopwatch import Stopwatch
-from tools.cli import probewatch
-from tools.monitoring.endpoint import Endpoint
-from tools.monitoring.reading import Exposition
-from tools.shared.listen_address import listen_address
 
 HOSTILE = [
     b"",

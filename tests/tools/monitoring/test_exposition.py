@@ -10,12 +10,12 @@ from hypothesis import strategies as st
 from prometheus_client import CollectorRegistry
 from prometheus_client.parser import text_string_to_metric_families
 
-from appliance.service.control.status_fields import Field, Kind, Metric
-from appliance.supervision.alarms import HAZARDS
+from probewatch.appliance.service.control.status_fields import Field, Kind, Metric
+from probewatch.appliance.supervision.alarms import HAZARDS
+from probewatch.tools.monitoring import exposition, reading
+from probewatch.tools.monitoring.exposition import SHOWN
+from probewatch.tools.monitoring.reading import Exposition, found
 from tests.support.answering import Answering, recorded
-from tools.monitoring import exposition, reading
-from tools.monitoring.exposition import SHOWN
-from tools.monitoring.reading import Exposition, found
 
 Samples = dict[tuple[str, tuple[tuple[str, str], ...]], float]
 

@@ -10,9 +10,9 @@ from urllib.parse import parse_qs
 import pytest
 from click.testing import CliRunner
 
-from drivers.errors import ConfigurationError, DeviceLost
-from tools.cli import probewatch
-from tools.monitoring.fleet import reports
+from probewatch.drivers.errors import ConfigurationError, DeviceLost
+from probewatch.tools.cli import probewatch
+from probewatch.tools.monitoring.fleet import reports
 
 Answers = dict[str, list[tuple[dict[str, str], str]]]
 

@@ -6,9 +6,9 @@ from itertools import product
 import pytest
 from jinja2 import Environment
 
+from probewatch.tools.monitoring.home_assistant import discovery
+from probewatch.tools.monitoring.mqtt import message
 from tests.support.answering import recorded
-from tools.monitoring.home_assistant import discovery
-from tools.monitoring.mqtt import message
 
 LONGEST = 255
 """Characters of a state there; more counts as unknown."""

@@ -16,12 +16,12 @@ import pytest
 from paho.mqtt.client import Client, MQTTMessage
 from paho.mqtt.enums import CallbackAPIVersion
 
-from drivers.errors import ConfigurationError
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.tools.monitoring.mqtt import Broker, Publisher, broker_of, message
 from tests.support.answering import Answering, recorded
 from tests.support.answers import answered
 from tests.support.demo_cart import PROBEWATCH
 from tests.support.polling import until
-from tools.monitoring.mqtt import Broker, Publisher, broker_of, message
 
 MOSQUITTO = shutil.which("mosquitto") or "/usr/sbin/mosquitto"
 needs_mosquitto = pytest.mark.skipif(not Path(MOSQUITTO).exists(), reason="needs mosquitto (mosquitto)")

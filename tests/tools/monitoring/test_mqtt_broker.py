@@ -12,10 +12,10 @@ from typing import BinaryIO
 
 import pytest
 
-from drivers.errors import ConfigurationError
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.tools.monitoring.mqtt import Broker, Publisher, broker_of
 from tests.support.answering import recorded
 from tests.support.polling import until
-from tools.monitoring.mqtt import Broker, Publisher, broker_of
 
 STATE, AVAILABLE = "probewatch/cart-2/state", "probewatch/cart-2/availability"
 CONNACK = b"\x20\x03\x00\x00\x00"
@@ -91,7 +91,7 @@ class HostileBroker(FalseBroker):
 def test_a_broker_that_says_more_than_answers_is_left_and_tried_again_ever_later(
     says: bytes, more: bytes, words: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("tools.monitoring.mqtt._FIRST_WAIT_S", 0.02)
+    monkeypatch.setattr("probewatch.tools.monitoring.mqtt._FIRST_WAIT_S", 0.02)
     broker, said, stop = HostileBroker(says, more), list[str](), threading.Event()
     publisher = Publisher(Broker("127.0.0.1", broker.port), "cart-2", lambda: None, said.append, "probewatch", "")
     running = threading.Thread(target=publisher.run, args=(stop,))
@@ -160,9 +160,9 @@ class TakingBroker(FalseBroker):
 
 def test_a_broker_that_acknowledges_nothing_is_said_once_and_tried_again(monkeypatch: pytest.MonkeyPatch) -> None:
     """It answered pings, so nothing was said, and after 20 messages the library sent no more."""
-    monkeypatch.setattr("tools.monitoring.mqtt._ACKNOWLEDGED_S", 0.1)
-    monkeypatch.setattr("tools.monitoring.mqtt._FIRST_WAIT_S", 0.02)
-    monkeypatch.setattr("tools.monitoring.mqtt._LOOK_S", 0.05)
+    monkeypatch.setattr("probewatch.tools.monitoring.mqtt._ACKNOWLEDGED_S", 0.1)
+    monkeypatch.setattr("probewatch.tools.monitoring.mqtt._FIRST_WAIT_S", 0.02)
+    monkeypatch.setattr("probewatch.tools.monitoring.mqtt._LOOK_S", 0.05)
     broker, said, stop = TakingBroker(), list[str](), threading.Event()
     where = Broker("127.0.0.1", broker.port)
     publisher = Publisher(where, "cart-2", recorded, said.append, "probewatch", "homeassistant")
@@ -175,7 +175,7 @@ def test_a_broker_that_acknowledges_nothing_is_said_once_and_tried_again(monkeyp
             f"no broker at 127.0.0.1:{broker.port}: it has acknowledged nothing for 0.1 s; trying again",
         ]
         assert set(broker.ends) == {"broken off"}, "a goodbye would take the last will back"
-        monkeypatch.setattr("tools.monitoring.mqtt._ACKNOWLEDGED_S", 20.0)  # of a busy computer
+        monkeypatch.setattr("probewatch.tools.monitoring.mqtt._ACKNOWLEDGED_S", 20.0)  # of a busy computer
         broker.acknowledges = True
         until(lambda: len(said) > 2, 20)
         assert said[2:] == [f"telling {STATE} at 127.0.0.1:{broker.port}"]

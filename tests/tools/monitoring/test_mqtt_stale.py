@@ -11,10 +11,10 @@ from typing import Any
 
 import pytest
 
+from probewatch.tools.monitoring.mqtt import Broker, Publisher, message
 from tests.support.answering import recorded
 from tests.support.polling import until
 from tests.tools.monitoring.test_mqtt import AVAILABLE, STATE, Mosquitto, Reader, needs_mosquitto
-from tools.monitoring.mqtt import Broker, Publisher, message
 
 pytestmark = [pytest.mark.thorough, needs_mosquitto]
 HALT = recorded(energised=False, state="halt", priority="high", fault="rotation", text="HALT · " + 200 * "x")
@@ -128,12 +128,12 @@ def test_a_power_cut_of_cart_and_broker_leaves_nothing_that_outlives_its_time(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A broker with persistence keeps retained messages, and no last will."""
-    monkeypatch.setattr("tools.monitoring.mqtt._EXPIRES_S", 4)
-    monkeypatch.setattr("tools.monitoring.mqtt._REPEAT_S", 1.0)
+    monkeypatch.setattr("probewatch.tools.monitoring.mqtt._EXPIRES_S", 4)
+    monkeypatch.setattr("probewatch.tools.monitoring.mqtt._REPEAT_S", 1.0)
     (tmp_path / "db").mkdir()
     kept = ("allow_anonymous true", "persistence true", f"persistence_location {tmp_path}/db/", "autosave_interval 1")
     broker, number = Mosquitto(tmp_path, *kept), count()
-    monkeypatch.setattr("tools.monitoring.mqtt._LOOK_S", 0.2)
+    monkeypatch.setattr("probewatch.tools.monitoring.mqtt._LOOK_S", 0.2)
     try:
         with publishing(broker.port, lambda: recorded(text=str(next(number))), "homeassistant"):
             with Reader(broker.port) as reader:

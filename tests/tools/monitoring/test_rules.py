@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 import yaml
 
-from appliance.service.control.status_fields import STATUS, Kind
+from probewatch.appliance.service.control.status_fields import STATUS, Kind
+from probewatch.tools.monitoring.reading import found
 from tests.support.answering import recorded
-from tools.monitoring.reading import found
 
 ROOT = Path(__file__).parents[3]
 MONITORING = ROOT / "config" / "monitoring"

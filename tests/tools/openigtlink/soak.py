@@ -23,22 +23,22 @@ from threading import Event
 
 import numpy as np
 
-from drivers.clock.host_clock import HostClock
-from drivers.openigtlink.content import parse_status, parse_transform
-from drivers.openigtlink.image import grey_picture, parse_image
-from drivers.openigtlink.message import Message, encode
-from drivers.openigtlink.stream import MessageStream
-from drivers.samples import Frame, Pose, PoseStatus, Sample, Stamp
-from drivers.twins.fault_control import FaultControl
-from drivers.twins.faults import Schedule
-from drivers.twins.openigtlink import FAULTS, IgtlTwin
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.openigtlink.content import parse_status, parse_transform
+from probewatch.drivers.openigtlink.image import grey_picture, parse_image
+from probewatch.drivers.openigtlink.message import Message, encode
+from probewatch.drivers.openigtlink.stream import MessageStream
+from probewatch.drivers.samples import Frame, Pose, PoseStatus, Sample, Stamp
+from probewatch.drivers.twins.fault_control import FaultControl
+from probewatch.drivers.twins.faults import Schedule
+from probewatch.drivers.twins.openigtlink import FAULTS, IgtlTwin
+from probewatch.tools.openigtlink.passage import Passage
+from probewatch.tools.openigtlink.server import StateServer
+from probewatch.tools.shared.status_watch import StatusWatch
 from tests.support.answering import Answering
 from tests.support.example_status import example_status
 from tests.support.igtl_listener import Listener
 from tests.support.scripted_feed import ScriptedFeed
-from tools.openigtlink.passage import Passage
-from tools.openigtlink.server import StateServer
-from tools.shared.status_watch import StatusWatch
 
 HOUR_S = 3600
 PICTURES_HZ, POSES_HZ, ROUNDS_HZ = 30, 60, 10

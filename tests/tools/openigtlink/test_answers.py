@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from appliance.types import State
-from drivers.openigtlink.content import (
+from probewatch.appliance.types import State
+from probewatch.drivers.openigtlink.content import (
     NOT_FOUND,
     OK,
     TIMEOUT,
@@ -23,13 +23,13 @@ from drivers.openigtlink.content import (
     parse_types,
     parse_words,
 )
-from drivers.openigtlink.message import HEADER_BYTES, Message, decode_body, encode, parse_header
+from probewatch.drivers.openigtlink.message import HEADER_BYTES, Message, decode_body, encode, parse_header
+from probewatch.tools.openigtlink.answers import TYPES, answer_to
+from probewatch.tools.openigtlink.asked import USUAL_NAMES
+from probewatch.tools.openigtlink.wording import fields_of, metadata_of, state_message, status_message, status_of
+from probewatch.tools.shared.status_watch import Seen
 from tests.support.example_status import MATRIX, OPEN, example_status
 from tests.support.stopwatch import Stopwatch
-from tools.openigtlink.answers import TYPES, answer_to
-from tools.openigtlink.asked import USUAL_NAMES
-from tools.openigtlink.wording import fields_of, metadata_of, state_message, status_message, status_of
-from tools.shared.status_watch import Seen
 
 UTC_NS = 1_700_000_000_000_000_000
 

@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from appliance.core.quality.check_fields import check_fields
-from appliance.storage.image_to_probe import image_to_probe
-from appliance.types import PARAMETERS, Calibration, Check, Fault, VerdictKind
-from drivers.rigid import rotation_from_vector
-from tools.openigtlink.estimate import estimate_of
+from probewatch.appliance.core.quality.check_fields import check_fields
+from probewatch.appliance.storage.image_to_probe import image_to_probe
+from probewatch.appliance.types import PARAMETERS, Calibration, Check, Fault, VerdictKind
+from probewatch.drivers.rigid import rotation_from_vector
+from probewatch.tools.openigtlink.estimate import estimate_of
 
 UNITS = {"rotation": ("deg", np.rad2deg(1.0)), "scale": ("%", 100.0), "offset": ("mm", 1.0)}
 CHANGE = np.array([0.02, -0.03, 0.01, 0.04, -0.05, 1.5, -2.5, 0.7])

@@ -11,22 +11,22 @@ from threading import Event
 import numpy as np
 import pytest
 
-from appliance.service.estimator.tap import ALL_BUT_PICTURES, NOTHING, PICTURES
-from drivers.openigtlink.content import NOT_FOUND, NOT_PRESENT, OK, parse_status, parse_transform
-from drivers.openigtlink.image import grey_picture, parse_image
-from drivers.openigtlink.message import Message, encode
-from drivers.samples import PoseStatus
+from probewatch.appliance.service.estimator.tap import ALL_BUT_PICTURES, NOTHING, PICTURES
+from probewatch.drivers.openigtlink.content import NOT_FOUND, NOT_PRESENT, OK, parse_status, parse_transform
+from probewatch.drivers.openigtlink.image import grey_picture, parse_image
+from probewatch.drivers.openigtlink.message import Message, encode
+from probewatch.drivers.samples import PoseStatus
+from probewatch.tools.openigtlink import asked
+from probewatch.tools.openigtlink.asked import USUAL_NAMES
+from probewatch.tools.openigtlink.passage import Passage
+from probewatch.tools.openigtlink.server import StateServer
+from probewatch.tools.shared.status_watch import StatusWatch
 from tests.support.answering import Answering
 from tests.support.example_status import example_status
 from tests.support.igtl_listener import Listener
 from tests.support.polling import until
 from tests.support.scripted_feed import ScriptedFeed, unread
 from tests.support.stopwatch import Stopwatch
-from tools.openigtlink import asked
-from tools.openigtlink.asked import USUAL_NAMES
-from tools.openigtlink.passage import Passage
-from tools.openigtlink.server import StateServer
-from tools.shared.status_watch import StatusWatch
 
 EVERY_S = 0.05
 
@@ -81,7 +81,7 @@ class Bench:
 @pytest.fixture(autouse=True)
 def soon(monkeypatch: pytest.MonkeyPatch) -> None:
     """What is asked for is noticed sooner than on a cart."""
-    monkeypatch.setattr("tools.openigtlink.passage._AGAIN_S", 0.02)
+    monkeypatch.setattr("probewatch.tools.openigtlink.passage._AGAIN_S", 0.02)
 
 
 @pytest.fixture

@@ -12,20 +12,20 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from drivers.errors import ConfigurationError
-from drivers.openigtlink.content import CHECK_SUM, OK, TIMEOUT, Status, parse_status
-from drivers.openigtlink.message import Message, encode
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.drivers.openigtlink.content import CHECK_SUM, OK, TIMEOUT, Status, parse_status
+from probewatch.drivers.openigtlink.message import Message, encode
+from probewatch.tools.cli import probewatch
+from probewatch.tools.openigtlink.passage import Passage
+from probewatch.tools.openigtlink.server import StateServer
+from probewatch.tools.shared.named_cart import NAMED
+from probewatch.tools.shared.status_watch import StatusWatch
 from tests.support.answering import Answering
 from tests.support.example_status import OPEN, example_status
 from tests.support.igtl import good_bytes
 from tests.support.igtl_listener import Listener
 from tests.support.polling import until
 from tests.support.stopwatch import Stopwatch
-from tools.cli import probewatch
-from tools.openigtlink.passage import Passage
-from tools.openigtlink.server import StateServer
-from tools.shared.named_cart import NAMED
-from tools.shared.status_watch import StatusWatch
 
 EVERY_S = 0.05
 
@@ -173,7 +173,7 @@ def _flood(line: socket.socket) -> None:
 
 
 def test_more_clients_than_places_are_sent_away(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tools.openigtlink.server._SETTLED_S", 60.0)
+    monkeypatch.setattr("probewatch.tools.openigtlink.server._SETTLED_S", 60.0)
     with ExitStack() as crowd:
         clients = [crowd.enter_context(bench.connect()) for _ in range(32)]
         for client in clients:
@@ -189,7 +189,7 @@ def test_more_clients_than_places_are_sent_away(bench: Bench, monkeypatch: pytes
 
 
 def test_a_crowd_that_says_nothing_keeps_nobody_out(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tools.openigtlink.server._SETTLED_S", 0.0)
+    monkeypatch.setattr("probewatch.tools.openigtlink.server._SETTLED_S", 0.0)
     with ExitStack() as crowd:
         silent = [crowd.enter_context(bench.connect()) for _ in range(31)]
         asking = crowd.enter_context(bench.connect())
@@ -210,7 +210,7 @@ def _ended(line: socket.socket) -> bool:
 
 def test_a_crowd_that_asks_one_question_keeps_nobody_out(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     """Who has started a stream keeps the place, where all others leave."""
-    monkeypatch.setattr("tools.openigtlink.server._SETTLED_S", 0.0)
+    monkeypatch.setattr("probewatch.tools.openigtlink.server._SETTLED_S", 0.0)
     with ExitStack() as crowd:
         streams = crowd.enter_context(bench.connect())
         streams.ask("STT_TRANS", "ProbeToTracker")
@@ -229,7 +229,7 @@ def test_a_crowd_that_asks_one_question_keeps_nobody_out(bench: Bench, monkeypat
 
 def test_a_crowd_of_one_address_keeps_no_other_out(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     """However new they are, and though all have started streams; the crowd takes no place of another address."""
-    monkeypatch.setattr("tools.openigtlink.server._SETTLED_S", 60.0)
+    monkeypatch.setattr("probewatch.tools.openigtlink.server._SETTLED_S", 60.0)
     with ExitStack() as crowd:
         for _ in range(32):
             one = crowd.enter_context(bench.connect())
@@ -244,7 +244,7 @@ def test_a_crowd_of_one_address_keeps_no_other_out(bench: Bench, monkeypatch: py
 
 
 def test_one_who_never_reads_is_dropped_in_time(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tools.openigtlink.server._ASLEEP_S", 0.3)
+    monkeypatch.setattr("probewatch.tools.openigtlink.server._ASLEEP_S", 0.3)
     with socket.socket() as sleeper:
         sleeper.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1)
         sleeper.connect(bench.server.address)

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 import pytest
 from playwright.sync_api import Browser, Page
 
-from appliance.types import State
+from probewatch.appliance.types import State
 from tests.support.answering import Answering
 from tests.support.browser import CHROMIUM, english_left, violations
 from tests.support.slow_link import SlowLink

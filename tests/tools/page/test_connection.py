@@ -15,11 +15,11 @@ from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response, StreamingResponse
 from starlette.routing import Route
 
+from probewatch.tools.page import connection, request_body
+from probewatch.tools.page.pace import Pace
 from tests.support.polling import until
 from tests.support.web_page import WebPage
 from tests.tools.page.test_page import answering, asked, web
-from tools.page import connection, request_body
-from tools.page.pace import Pace
 
 __all__ = ["answering", "web"]
 

@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from tools.page.contours import contours, levels_mm
+from probewatch.tools.page.contours import contours, levels_mm
 
 ALL = {"left": 0.0, "right": 1.0, "top": 0.0, "bottom": 1.0}
 

@@ -12,21 +12,21 @@ from typing import Any
 import numpy as np
 import pytest
 
-import tools.page
-from appliance.core.acquisition.pairing import REASONS
-from appliance.core.quality.calibration_difference import Difference
-from appliance.crosswire import coverage, running
-from appliance.crosswire.crossing import NoCrossing
-from appliance.crosswire.running import Reason, RunningCalibration, WholeDemand
-from appliance.crosswire.scan import CrosswireScan
-from appliance.service.control.server import ControlRefused
-from appliance.types import State
+from probewatch.appliance.core.acquisition.pairing import REASONS
+from probewatch.appliance.core.quality.calibration_difference import Difference
+from probewatch.appliance.crosswire import coverage, running
+from probewatch.appliance.crosswire.crossing import NoCrossing
+from probewatch.appliance.crosswire.running import Reason, RunningCalibration, WholeDemand
+from probewatch.appliance.crosswire.scan import CrosswireScan
+from probewatch.appliance.service.control.server import ControlRefused
+from probewatch.appliance.types import State
+from probewatch.tools import page
+from probewatch.tools.page.wording import worded
+from probewatch.tools.recalibration.phase import Phase
+from probewatch.tools.recalibration.steps import CheckStep, Sound
 from tests.support.crossings import SIZE_PX, TRUE, guided_views
-from tools.page.wording import worded
-from tools.recalibration.phase import Phase
-from tools.recalibration.steps import CheckStep, Sound
 
-FILES = Path(tools.page.__file__).parent / "files"
+FILES = Path(page.__file__).parent / "files"
 SOURCE = (FILES / "german.js").read_text(encoding="utf-8")
 GERMAN = json.loads(re.search(r"const GERMAN = (\{.*?\});", SOURCE, re.DOTALL)[1])
 PATTERNS = [re.compile(found) for found in re.findall(r"^  \[/(\^.*\$)/, ", SOURCE, re.MULTILINE)]
@@ -113,7 +113,7 @@ def test_what_the_check_says_is_recognised() -> None:
     assert says_german(step.judged(TRUE, np.zeros(3))[1])
 
 
-ROOT = Path(tools.page.__file__).parents[2]
+ROOT = Path(page.__file__).parents[2]
 SPEAKERS = (
     "tools/recalibration/session.py",
     "tools/recalibration/phase.py",

@@ -19,10 +19,10 @@ import numpy as np
 import pytest
 from playwright.sync_api import Page
 
-from appliance.core.parameters import MEASURED, QUANTITIES, class_of
-from appliance.limits import Limits
-from appliance.types import State
-from drivers.samples import GreyImage
+from probewatch.appliance.core.parameters import MEASURED, QUANTITIES, class_of
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.types import State
+from probewatch.drivers.samples import GreyImage
 from tests.support.browser import CHROMIUM, english_left, violations
 from tests.support.page_looks import LOOKS, LOST, NO_TIMES, WIDTHS, Room, served
 

@@ -11,12 +11,12 @@ from typing import Any
 
 import pytest
 
-from drivers.errors import DeviceLost
+from probewatch.drivers.errors import DeviceLost
+from probewatch.tools.page.connection import MOST_LISTENERS
+from probewatch.tools.page.token_socket import invitation
 from tests.support.answering import Answering
 from tests.support.polling import until
 from tests.support.web_page import WebPage
-from tools.page.connection import MOST_LISTENERS
-from tools.page.token_socket import invitation
 
 
 @pytest.fixture(scope="module")

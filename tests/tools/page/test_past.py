@@ -6,9 +6,9 @@ from typing import Any
 
 import pytest
 
-from appliance.storage.alarm_chain import read_log
-from appliance.storage.alarm_log import AlarmLog
-from tools.page.past import hour, last_states
+from probewatch.appliance.storage.alarm_chain import read_log
+from probewatch.appliance.storage.alarm_log import AlarmLog
+from probewatch.tools.page.past import hour, last_states
 
 NOW = datetime(2026, 11, 27, 12, 0, tzinfo=UTC)
 

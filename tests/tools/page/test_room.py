@@ -6,20 +6,20 @@ from typing import Any
 
 import pytest
 
-import tools.page
-from appliance.core.quality.gesture import Gesture
-from appliance.service.control.status import alarm_fields
-from appliance.supervision.alarms import HAZARDS, operator_text
-from appliance.supervision.fault_row import Device
-from appliance.supervision.faults import of_device
-from appliance.supervision.languages import translated
-from appliance.types import PARAMETERS, AlarmState, Fault, Kind, State
+from probewatch.appliance.core.quality.gesture import Gesture
+from probewatch.appliance.service.control.status import alarm_fields
+from probewatch.appliance.supervision.alarms import HAZARDS, operator_text
+from probewatch.appliance.supervision.fault_row import Device
+from probewatch.appliance.supervision.faults import of_device
+from probewatch.appliance.supervision.languages import translated
+from probewatch.appliance.types import PARAMETERS, AlarmState, Fault, Kind, State
+from probewatch.tools import page
+from probewatch.tools.page.bars import NAMES, bars, rounded
+from probewatch.tools.page.devices import devices
+from probewatch.tools.page.room import room
+from probewatch.tools.shared.gesture_drawings import DRAWINGS, drawing, drawn
 from tests.support.answering import recorded
 from tests.tools.page.test_german import GERMAN
-from tools.page.bars import NAMES, bars, rounded
-from tools.page.devices import devices
-from tools.page.room import room
-from tools.shared.gesture_drawings import DRAWINGS, drawing, drawn
 
 SECOND_NS = 1_000_000_000
 
@@ -175,4 +175,4 @@ def test_each_gesture_that_is_asked_for_has_its_moving_drawing(language: str) ->
 def test_the_event_can_be_told_as_json() -> None:
     status = json.loads(json.dumps(room(recorded())))
     assert status["bars"][0]["text"] == "as calibrated"
-    assert Path(tools.page.__file__).exists()
+    assert Path(page.__file__).exists()

@@ -4,11 +4,11 @@ from pathlib import Path
 
 import pytest
 
-from drivers.errors import ConfigurationError, DeviceLost
+from probewatch.drivers.errors import ConfigurationError, DeviceLost
+from probewatch.tools.commands.page import _how_to_ask, _warn_if_useless
+from probewatch.tools.page.token_socket import Door
+from probewatch.tools.page.tokens import TOKEN_S, Tokens
 from tests.support.answers import answered
-from tools.commands.page import _how_to_ask, _warn_if_useless
-from tools.page.token_socket import Door
-from tools.page.tokens import TOKEN_S, Tokens
 
 HOUR_S = 3600.0
 

@@ -5,7 +5,7 @@ import io
 import pytest
 from rich.console import Console
 
-from tools.recalibration.terminal import _Lines, progress_text
+from probewatch.tools.recalibration.terminal import _Lines, progress_text
 
 SCAN = {"views": [{}, {}], "pictures": 60, "refusals": [{"reason": "too few views", "what": "2 of 20"}]}
 
@@ -27,7 +27,7 @@ def test_a_line_is_told_when_it_is_new_and_not_more_often_than_every_ten_seconds
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     clock = iter((0.0, 1.0, 11.0, 30.0, 31.0))
-    monkeypatch.setattr("tools.recalibration.terminal.time.monotonic", lambda: next(clock))
+    monkeypatch.setattr("probewatch.tools.recalibration.terminal.time.monotonic", lambda: next(clock))
     lines = _Lines(Console(file=io.StringIO()))
     for text in ("a", "b", "b", "b", "c"):
         lines.tell(text)

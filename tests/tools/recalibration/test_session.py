@@ -10,19 +10,19 @@ from typing import Any
 
 import pytest
 
-from appliance.service.control.server import ControlRefused, Peer
-from appliance.storage.image_to_probe import calibration_from_image_to_probe
-from appliance.types import Calibration
-from drivers.errors import ConfigurationError, ProbewatchError
-from drivers.samples import Frame, Pose, PoseStatus, Sample, Stamp
-from drivers.twins.scene.world import World, WorldSettings
+from probewatch.appliance.service.control.server import ControlRefused, Peer
+from probewatch.appliance.storage.image_to_probe import calibration_from_image_to_probe
+from probewatch.appliance.types import Calibration
+from probewatch.drivers.errors import ConfigurationError, ProbewatchError
+from probewatch.drivers.samples import Frame, Pose, PoseStatus, Sample, Stamp
+from probewatch.drivers.twins.scene.world import World, WorldSettings
+from probewatch.tools.recalibration.held_service import Asked, HeldService
+from probewatch.tools.recalibration.paperwork import Begin, Signature
+from probewatch.tools.recalibration.phase import Phase
+from probewatch.tools.recalibration.session import ScanSession
+from probewatch.tools.shared.status_watch import StatusWatch
 from tests.support.live_scan import RecalibratingService, Scan
 from tests.support.polling import until
-from tools.recalibration.held_service import Asked, HeldService
-from tools.recalibration.paperwork import Begin, Signature
-from tools.recalibration.phase import Phase
-from tools.recalibration.session import ScanSession
-from tools.shared.status_watch import StatusWatch
 
 SIZE_PX = (320, 240)
 CHOSEN = Begin("L12-5", "4 cm", "A. Smith", "check", "whole")

@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from appliance.service.control.server import ControlRefused
-from drivers.errors import ProbewatchError
-from drivers.samples import Frame, Pose, PoseStatus, Sample, Stamp
+from probewatch.appliance.service.control.server import ControlRefused
+from probewatch.drivers.errors import ProbewatchError
+from probewatch.drivers.samples import Frame, Pose, PoseStatus, Sample, Stamp
+from probewatch.tools.recalibration.phase import Phase
 from tests.support.polling import until
 from tests.tools.recalibration.test_session import CHOSEN, SIGNED, SIZE_PX, Bench, scanned, wires, world
-from tools.recalibration.phase import Phase
 
 
 @pytest.fixture

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from drivers.samples import Frame, Pose, PoseStatus, Stamp
-from tools.recalibration.steps import MOST_PICTURES, LatencyStep
-from tools.recalibration.terminal import latency_text
+from probewatch.drivers.samples import Frame, Pose, PoseStatus, Stamp
+from probewatch.tools.recalibration.steps import MOST_PICTURES, LatencyStep
+from probewatch.tools.recalibration.terminal import latency_text
 
 RATE_HZ = 30
 

@@ -12,12 +12,12 @@ from typing import Any, ClassVar
 
 import pytest
 
-from appliance.service.control.server import ControlRefused
+from probewatch.appliance.service.control.server import ControlRefused
+from probewatch.tools.recalibration.terminal import _answer
 from tests.support.live_scan import RecalibratingService, Scan
 from tests.support.person import Person
 from tests.support.polling import until
 from tests.tools.recalibration.test_session import truth, wires
-from tools.recalibration.terminal import _answer
 
 pytestmark = pytest.mark.thorough
 

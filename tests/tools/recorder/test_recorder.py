@@ -11,22 +11,22 @@ from typing import Any
 import numpy as np
 import pytest
 
-from appliance.core.estimator_settings import EstimatorSettings
-from appliance.core.line import Line
-from appliance.limits import Limits
-from appliance.service.feed.message import FeedMessage, Judged, LineStarted, Lost, Taken
-from appliance.storage.black_box import BlackBox, series_of
-from appliance.storage.black_box_fields import Begun, Gap, Item, Made, Mark, State
-from appliance.storage.image_to_probe import calibration_from_image_to_probe
-from appliance.types import Calibration, Verdict, VerdictKind
-from drivers.samples import Frame, Pose, PoseStatus, Stamp
-from drivers.twins.scene.world import WorldSettings
+from probewatch.appliance.core.estimator_settings import EstimatorSettings
+from probewatch.appliance.core.line import Line
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.service.feed.message import FeedMessage, Judged, LineStarted, Lost, Taken
+from probewatch.appliance.storage.black_box import BlackBox, series_of
+from probewatch.appliance.storage.black_box_fields import Begun, Gap, Item, Made, Mark, State
+from probewatch.appliance.storage.image_to_probe import calibration_from_image_to_probe
+from probewatch.appliance.types import Calibration, Verdict, VerdictKind
+from probewatch.drivers.samples import Frame, Pose, PoseStatus, Stamp
+from probewatch.drivers.twins.scene.world import WorldSettings
+from probewatch.tools.recorder import ring as ring_module
+from probewatch.tools.recorder import run
+from probewatch.tools.recorder.recorder import Keeping, Recorder
+from probewatch.tools.recorder.ring import PART_NS, Bounds, DiskRing
+from probewatch.tools.shared.rerun import Rerun
 from tests.support.sessions import kept, session
-from tools.recorder import ring as ring_module
-from tools.recorder import run
-from tools.recorder.recorder import Keeping, Recorder
-from tools.recorder.ring import PART_NS, Bounds, DiskRing
-from tools.shared.rerun import Rerun
 
 S = 1_000_000_000
 START = 1000 * S

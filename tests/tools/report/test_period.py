@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from appliance.storage.alarm_chain import read_log
-from appliance.storage.alarm_log import AlarmLog
-from tools.report.period import last_period, per_fault, period, summary
+from probewatch.appliance.storage.alarm_chain import read_log
+from probewatch.appliance.storage.alarm_log import AlarmLog
+from probewatch.tools.report.period import last_period, per_fault, period, summary
 
 START = datetime(2026, 1, 1, tzinfo=UTC)
 NOW = datetime(2026, 3, 1, tzinfo=UTC)

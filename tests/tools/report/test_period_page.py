@@ -10,14 +10,14 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from appliance.storage.alarm_chain import read_log
-from appliance.storage.alarm_log import AlarmLog
-from appliance.storage.reference_store import Entry, History, sha256_of, write_history
-from drivers.errors import ConfigurationError
+from probewatch.appliance.storage.alarm_chain import read_log
+from probewatch.appliance.storage.alarm_log import AlarmLog
+from probewatch.appliance.storage.reference_store import Entry, History, sha256_of, write_history
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.tools.commands.report import command
+from probewatch.tools.report.period import last_period, limits_text, period, summary
 from tests.appliance.configuration.test_config import GOOD
 from tests.tools.report.test_period import MONTH, NOW, START, logged, state
-from tools.commands.report import command
-from tools.report.period import last_period, limits_text, period, summary
 
 
 @pytest.fixture
@@ -140,8 +140,8 @@ def test_a_reference_that_is_being_written_is_no_damage(cart: Path, monkeypatch:
     named = {"number": 1, "sha256": kept.sha256, "file": "probe.toml", "origin": "configuration"}
     logged(alarms, [(31 * 24 + 6, "started", {"software": "probewatch 2", "reference": named})])
     looks = iter([lambda: None, lambda: write_history(alarms, History(entries=(kept,)), {kept.sha256: b"1"})])
-    monkeypatch.setattr("tools.commands.report.time.sleep", lambda _: next(looks)())
-    monkeypatch.setattr("tools.commands.report.is_running", lambda _: True)
+    monkeypatch.setattr("probewatch.tools.commands.report.time.sleep", lambda _: next(looks)())
+    monkeypatch.setattr("probewatch.tools.commands.report.is_running", lambda _: True)
     assert "damaged" not in made(cart)
     assert "DAMAGED" not in body(cart, "2026-01")
     assert next(looks, None) is None, "it was read again until it was there"

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from tools.report.page import section, table, write_page
+from probewatch.tools.report.page import section, table, write_page
 
 
 def test_words_stand_on_the_left_and_figures_on_the_right() -> None:

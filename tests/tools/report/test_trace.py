@@ -5,14 +5,14 @@ from math import isfinite
 import numpy as np
 import pytest
 
-from appliance.core.line import Line
-from appliance.limits import Limits
-from appliance.storage.image_to_probe import calibration_from_image_to_probe
-from drivers.twins.faults import Schedule
-from drivers.twins.scene.world import WorldSettings
+from probewatch.appliance.core.line import Line
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.storage.image_to_probe import calibration_from_image_to_probe
+from probewatch.drivers.twins.faults import Schedule
+from probewatch.drivers.twins.scene.world import WorldSettings
+from probewatch.tools.report.svg import Plot, ticks
+from probewatch.tools.report.trace import Trace
 from tests.support.sessions import kept, session
-from tools.report.svg import Plot, ticks
-from tools.report.trace import Trace
 
 SMALL = WorldSettings(width_px=400, height_px=300, scale_mm_per_px=(0.09, 0.08))
 BENT = '[{"fault": "bend-marker", "from_s": 3.0, "to_s": null}]'

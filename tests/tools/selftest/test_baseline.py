@@ -5,10 +5,10 @@ from typing import Any
 
 import pytest
 
-from tools.commands.self_test import _kept
-from tools.selftest.baseline import beside, chosen, first_use
-from tools.selftest.items import Item
-from tools.selftest.records import read_self_tests
+from probewatch.tools.commands.self_test import _kept
+from probewatch.tools.selftest.baseline import beside, chosen, first_use
+from probewatch.tools.selftest.items import Item
+from probewatch.tools.selftest.records import read_self_tests
 
 STATUS: dict[str, Any] = {"software": "0.2.0", "reference": None, "simulated": []}
 

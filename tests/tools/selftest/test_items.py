@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from drivers.samples import Frame, Pose, PoseStatus, Stamp
-from drivers.twins.scene.world import World, WorldSettings
+from probewatch.drivers.samples import Frame, Pose, PoseStatus, Stamp
+from probewatch.drivers.twins.scene.world import World, WorldSettings
+from probewatch.tools.selftest import items
+from probewatch.tools.selftest.listed import print_items
 from tests.support.answering import recorded
-from tools.selftest import items
-from tools.selftest.listed import print_items
 
 NOW = datetime(2026, 11, 23, tzinfo=UTC)
 SILENCE_MS = 500.0

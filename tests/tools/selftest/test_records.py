@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from tools.selftest.records import read_self_tests, sealed
+from probewatch.tools.selftest.records import read_self_tests, sealed
 
 
 def kept(folder: Path, number: int) -> None:

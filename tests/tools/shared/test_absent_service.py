@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
+from probewatch.tools.shared.absent_service import warn_if_absent
 from tests.support.answering import Answering
-from tools.shared.absent_service import warn_if_absent
 
 
 def test_a_missing_service_is_told_and_one_that_answers_is_not(

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from appliance.configuration.config import config_of
-from drivers.errors import ConfigurationError
-from tools.shared.configuration_text import changed, template
+from probewatch.appliance.configuration.config import config_of
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.tools.shared.configuration_text import changed, template
 
 EXAMPLE = Path(__file__).parents[3] / "config/probewatch.toml"
 FILE = Path("probewatch.toml")

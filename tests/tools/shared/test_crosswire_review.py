@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from appliance.types import Calibration
-from drivers.rigid import rotation_from_vector
+from probewatch.appliance.types import Calibration
+from probewatch.drivers.rigid import rotation_from_vector
+from probewatch.tools.shared.crosswire_review import disagreements, view_table
+from probewatch.tools.shared.crosswire_whole import WholeOptions, _solved
 from tests.support.answers import answered
 from tests.support.crossings import SIZE_PX, guided_views
-from tools.shared.crosswire_review import disagreements, view_table
-from tools.shared.crosswire_whole import WholeOptions, _solved
 
 SIGMA = np.array([np.deg2rad(0.05)] * 3 + [0.001] * 2 + [0.1] * 3)
 FOUND = Calibration(

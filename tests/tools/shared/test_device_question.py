@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from drivers.errors import DeviceLost
-from drivers.registry import split_url
-from drivers.trackers.ndi.rom import ROM_BYTES, rom_sum
-from tools.shared.device_question import DeviceQuestion, Respondent
+from probewatch.drivers.errors import DeviceLost
+from probewatch.drivers.registry import split_url
+from probewatch.drivers.trackers.ndi.rom import ROM_BYTES, rom_sum
+from probewatch.tools.shared.device_question import DeviceQuestion, Respondent
 
 _TOOL_QUESTION = "tool definition file (.rom) of the probe's markers, or 'wired'"
 _WITNESS_QUESTION = "the same of a second marker body on the probe, or 'none'"

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from tools.shared.digest import with_pictures
+from probewatch.tools.shared.digest import with_pictures
 
 
 @pytest.mark.parametrize(

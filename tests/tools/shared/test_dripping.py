@@ -12,14 +12,14 @@ from pathlib import Path
 
 import pytest
 
-from appliance.configuration.config import config_of
-from appliance.service.control.client import ControlClient
-from appliance.service.feed import message
-from drivers.errors import DeviceLost
-from tools.monitoring import fleet
-from tools.page import token_socket
-from tools.recorder import run
-from tools.shared import feed
+from probewatch.appliance.configuration.config import config_of
+from probewatch.appliance.service.control.client import ControlClient
+from probewatch.appliance.service.feed import message
+from probewatch.drivers.errors import DeviceLost
+from probewatch.tools.monitoring import fleet
+from probewatch.tools.page import token_socket
+from probewatch.tools.recorder import run
+from probewatch.tools.shared import feed
 
 DEADLINE_S, WHOLE_S = 0.2, 1.2
 HTTP = b"HTTP/1.0 200 OK\r\nContent-Type: application/json\r\n\r\n"

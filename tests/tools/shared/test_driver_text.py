@@ -1,9 +1,9 @@
 """What the terminal says of the drivers is what their descriptors say."""
 
-from drivers.io.inventory import CONNECTED
-from drivers.registry import check_options, drivers
+from probewatch.drivers.io.inventory import CONNECTED
+from probewatch.drivers.registry import check_options, drivers
+from probewatch.tools.shared.driver_text import any_url, before_paths, examples
 from tests.support.answers import answered
-from tools.shared.driver_text import any_url, before_paths, examples
 
 
 def test_the_help_of_probe_has_every_url_and_every_option() -> None:

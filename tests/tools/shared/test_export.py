@@ -9,17 +9,17 @@ import pytest
 import SimpleITK as sitk  # noqa: N813  as its documentation does
 from click.testing import CliRunner
 
-from appliance.core.estimator_settings import EstimatorSettings
-from appliance.limits import Limits
-from appliance.storage.black_box import BlackBox, Series
-from appliance.types import Calibration
-from drivers.errors import RecordingError
-from drivers.recordings.replay import open_recording
-from drivers.rigid import interpolate
-from drivers.samples import Frame, Pose, PoseStatus, Stamp
+from probewatch.appliance.core.estimator_settings import EstimatorSettings
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.storage.black_box import BlackBox, Series
+from probewatch.appliance.types import Calibration
+from probewatch.drivers.errors import RecordingError
+from probewatch.drivers.recordings.replay import open_recording
+from probewatch.drivers.rigid import interpolate
+from probewatch.drivers.samples import Frame, Pose, PoseStatus, Stamp
+from probewatch.tools.commands.export import command
 from tests.support.black_boxes import record
 from tests.support.recordings import picture, turn
-from tools.commands.export import command
 
 SIZE_PX = (64, 48)
 START_NS = 7_000_000_000

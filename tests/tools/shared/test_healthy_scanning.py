@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from appliance.types import Fault, Verdict, VerdictKind
-from drivers.errors import RecordingError
-from tools.shared.healthy_scanning import Heard
+from probewatch.appliance.types import Fault, Verdict, VerdictKind
+from probewatch.drivers.errors import RecordingError
+from probewatch.tools.shared.healthy_scanning import Heard
 
 SECOND_NS = 1_000_000_000
 

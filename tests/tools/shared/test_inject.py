@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from drivers.samples import Frame, Pose, PoseStatus
-from drivers.twins.faults import Episode
+from probewatch.drivers.samples import Frame, Pose, PoseStatus
+from probewatch.drivers.twins.faults import Episode
 from tests.support.recordings import PERIOD_NS, REPLAYED_PX, START_NS, picture
 from tests.tools.commands.test_replay import spoiled
 

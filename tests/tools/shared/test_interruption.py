@@ -17,7 +17,10 @@ INVARIANT = (
     ("tests.invariant", "1000000", "7"),
     "invariant, 1,000,000 frames from seed 7; again: make invariant SEED=7 ",
 )
-FALSE_ALARMS = ("tools.development.false_alarms", "--jobs", "2"), "false alarms, --seeds 4; what is played is kept in "
+FALSE_ALARMS = (
+    ("probewatch.tools.development.false_alarms", "--jobs", "2"),
+    "false alarms, --seeds 4; what is played is kept in ",
+)
 
 
 def at_work(session: int) -> int:
@@ -66,5 +69,5 @@ def test_broken_off_it_leaves_no_process_and_says_what_was_run(
 @pytest.mark.thorough
 def test_a_study_that_is_broken_off_waits_for_no_session_that_was_begun(tmp_path: Path) -> None:
     study = ("study", "--sessions", "in-plane", "--seeds", "2", "--jobs", "2", "--output", str(tmp_path))
-    answer = broken_off(tmp_path, signal.SIGINT, "-c", "from tools.cli import main; main()", *study)
+    answer = broken_off(tmp_path, signal.SIGINT, "-c", "from probewatch.tools.cli import main; main()", *study)
     assert answer == (130, "\nprobewatch: stopped\n")

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from appliance.core.quality.report import Change, LineReport, report_json
-from appliance.types import Calibration, Check, Fault, State, Verdict, VerdictKind
-from drivers.rigid import rotation_from_vector
+from probewatch.appliance.core.quality.report import Change, LineReport, report_json
+from probewatch.appliance.types import Calibration, Check, Fault, State, Verdict, VerdictKind
+from probewatch.drivers.rigid import rotation_from_vector
 from tests.support.recordings import REPLAYED_PX
 
 

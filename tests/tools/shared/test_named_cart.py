@@ -6,12 +6,12 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from appliance.configuration.config import Control
-from appliance.service.control.starting import how_to_end, how_to_restart, how_to_start
+from probewatch.appliance.configuration.config import Control
+from probewatch.appliance.service.control.starting import how_to_end, how_to_restart, how_to_start
+from probewatch.tools.shared.named_cart import CONFIG, ENVIRONMENT, SOCKET, folder_argument, socket_option
 from tests.support.answering import Answering
 from tests.support.answers import answered
 from tests.support.commands import commands
-from tools.shared.named_cart import CONFIG, ENVIRONMENT, SOCKET, folder_argument, socket_option
 
 ABOUT_NO_CART = {"demo", "devices", "export", "fleet", "latency", "probe", "simulate", "study"}
 """Commands that need no cart, or several."""
@@ -94,7 +94,7 @@ def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     lines = template.read_text().replace('# socket = "/run/probewatch/control"', f'socket = "{tmp_path / "control"}"')
     file = tmp_path / "own.toml"
     file.write_text(lines.replace('# folder = "/var/lib/probewatch"\n', 'folder = "alarms"\n'))
-    monkeypatch.setattr("tools.shared.named_cart.CONFIG", file)
+    monkeypatch.setattr("probewatch.tools.shared.named_cart.CONFIG", file)
     return file
 
 
@@ -117,8 +117,8 @@ def test_a_live_scan_where_no_cart_is_named_is_of_this_computer(own: Path) -> No
 
 def test_a_page_where_no_cart_is_named_is_of_this_computer(own: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     served = []
-    monkeypatch.setattr("tools.commands.page._serve", lambda page, _: served.append(page))
-    monkeypatch.setattr("tools.commands.page.AlarmLogWatch", served.append)
+    monkeypatch.setattr("probewatch.tools.commands.page._serve", lambda page, _: served.append(page))
+    monkeypatch.setattr("probewatch.tools.commands.page.AlarmLogWatch", served.append)
     assert answered("page", "--listen", "127.0.0.1:0").returncode == 0
     assert served[0] == own.parent / "alarms"
 

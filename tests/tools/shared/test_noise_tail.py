@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from appliance.limits import FALSE_ALARM_H, MOST_NAMED_NATS, NAMED_NATS
-from tools.shared.noise_tail import LEVELS_NATS, least_hours, minutes_text, tail_of
+from probewatch.appliance.limits import FALSE_ALARM_H, MOST_NAMED_NATS, NAMED_NATS
+from probewatch.tools.shared.noise_tail import LEVELS_NATS, least_hours, minutes_text, tail_of
 
 
 def test_the_least_scanning_is_that_which_keeps_the_shipped_threshold_without_a_peak() -> None:

@@ -9,24 +9,24 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from appliance.core.exact_fields import verdict_fields, verdict_of
-from appliance.core.quality.check_fields import point_fields, up_to
-from appliance.core.quality.report import LineReport, report_json
-from appliance.limits import Limits
-from appliance.service.control.status import point_known
-from appliance.storage.black_box_fields import fields_of
-from appliance.types import AlarmState, PointError, State, Verdict, VerdictKind
+from probewatch.appliance.core.exact_fields import verdict_fields, verdict_of
+from probewatch.appliance.core.quality.check_fields import point_fields, up_to
+from probewatch.appliance.core.quality.report import LineReport, report_json
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.service.control.status import point_known
+from probewatch.appliance.storage.black_box_fields import fields_of
+from probewatch.appliance.types import AlarmState, PointError, State, Verdict, VerdictKind
+from probewatch.tools.monitoring.reading import found
+from probewatch.tools.openigtlink.wording import fields_of as openigtlink_fields
+from probewatch.tools.page.room import room
+from probewatch.tools.report.recording_page import write_recording_page
+from probewatch.tools.report.trace import Trace
+from probewatch.tools.shared.point_text import point_text
+from probewatch.tools.shared.replay_outcome import Outcome, print_outcome
+from probewatch.tools.shared.status_view import StatusView, one_line
+from probewatch.tools.shared.status_watch import Seen
+from probewatch.tools.shared.subject import Subject
 from tests.support.answering import recorded
-from tools.monitoring.reading import found
-from tools.openigtlink.wording import fields_of as openigtlink_fields
-from tools.page.room import room
-from tools.report.recording_page import write_recording_page
-from tools.report.trace import Trace
-from tools.shared.point_text import point_text
-from tools.shared.replay_outcome import Outcome, print_outcome
-from tools.shared.status_view import StatusView, one_line
-from tools.shared.status_watch import Seen
-from tools.shared.subject import Subject
 
 S = 1_000_000_000
 POINT = PointError((1.9234, 2.4321), (1.5, 2.0), 30.0, (1.7, 2.2222), 5 * S)

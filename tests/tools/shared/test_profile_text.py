@@ -7,18 +7,18 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from appliance.core.quality.report import LineReport, report_json
-from appliance.limits import Limits
-from appliance.types import Verdict, VerdictKind
+from probewatch.appliance.core.quality.report import LineReport, report_json
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.types import Verdict, VerdictKind
+from probewatch.tools.openigtlink.wording import fields_of as openigtlink_fields
+from probewatch.tools.page.room import room
+from probewatch.tools.report.recording_page import write_recording_page
+from probewatch.tools.report.trace import Trace
+from probewatch.tools.shared.replay_outcome import Outcome, print_outcome
+from probewatch.tools.shared.status_view import StatusView, one_line
+from probewatch.tools.shared.status_watch import Seen
+from probewatch.tools.shared.subject import Subject
 from tests.support.answering import recorded
-from tools.openigtlink.wording import fields_of as openigtlink_fields
-from tools.page.room import room
-from tools.report.recording_page import write_recording_page
-from tools.report.trace import Trace
-from tools.shared.replay_outcome import Outcome, print_outcome
-from tools.shared.status_view import StatusView, one_line
-from tools.shared.status_watch import Seen
-from tools.shared.subject import Subject
 
 LIMITS = Limits(profile="fine", offset_mm=10.0)
 FIELDS = {"profile": "fine", "beside": {"offset_mm": 10.0}}

@@ -6,19 +6,19 @@ from pathlib import Path
 
 import pytest
 
-from appliance.core.estimator_settings import EstimatorSettings
-from appliance.core.exact_fields import verdict_fields
-from appliance.limits import Limits
-from appliance.storage.black_box import BlackBox, BlackBoxWriter, Series, series_of
-from appliance.storage.black_box_fields import Gap
-from appliance.storage.image_to_probe import calibration_from_image_to_probe
-from appliance.types import Verdict, VerdictKind
-from drivers.samples import Frame, Pose
-from drivers.twins.faults import Schedule
-from drivers.twins.scene.world import WorldSettings
+from probewatch.appliance.core.estimator_settings import EstimatorSettings
+from probewatch.appliance.core.exact_fields import verdict_fields
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.storage.black_box import BlackBox, BlackBoxWriter, Series, series_of
+from probewatch.appliance.storage.black_box_fields import Gap
+from probewatch.appliance.storage.image_to_probe import calibration_from_image_to_probe
+from probewatch.appliance.types import Verdict, VerdictKind
+from probewatch.drivers.samples import Frame, Pose
+from probewatch.drivers.twins.faults import Schedule
+from probewatch.drivers.twins.scene.world import WorldSettings
+from probewatch.tools.shared.rerun import Comparison, Rerun
 from tests.support.black_boxes import begun, record
 from tests.support.sessions import kept, session
-from tools.shared.rerun import Comparison, Rerun
 
 SMALL = WorldSettings(width_px=400, height_px=300, scale_mm_per_px=(0.09, 0.08))
 FLIP = '[{"fault": "flip-lateral", "from_s": 11.0, "to_s": null}]'

@@ -4,12 +4,12 @@ from datetime import UTC, date, datetime
 
 import pytest
 
-from appliance.crosswire.running import RunningCalibration
-from drivers.errors import ConfigurationError
+from probewatch.appliance.crosswire.running import RunningCalibration
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.tools.german.translation import recognised
+from probewatch.tools.shared.digest import file_sha256
+from probewatch.tools.shared.sign_off import NOT_MADE, SignOff, remarks_on, whole_record
 from tests.support.crossings import SIZE_PX, guided_views
-from tools.german.translation import recognised
-from tools.shared.digest import file_sha256
-from tools.shared.sign_off import NOT_MADE, SignOff, remarks_on, whole_record
 
 
 def test_nobody_signs_what_they_made() -> None:

@@ -15,20 +15,20 @@ import pytest
 from rich.cells import cell_len
 from rich.console import Console
 
-from appliance.core.quality.check_fields import check_fields
-from appliance.core.quality.gesture import Gesture
-from appliance.core.quality.shown import Shown
-from appliance.service.control.status import alarm_fields, check_lists, shown_of_each
-from appliance.service.control.status_fields import Field, Line
-from appliance.supervision.alarms import DISPLAY_COLUMNS
-from appliance.supervision.languages import translated
-from appliance.supervision.watchers.device_health import DeviceHealth, Timeouts
-from appliance.supervision.watchers.devices import watch_devices
-from appliance.types import PARAMETERS, AlarmState, Check, Fault, State, Verdict, VerdictKind
+from probewatch.appliance.core.quality.check_fields import check_fields
+from probewatch.appliance.core.quality.gesture import Gesture
+from probewatch.appliance.core.quality.shown import Shown
+from probewatch.appliance.service.control.status import alarm_fields, check_lists, shown_of_each
+from probewatch.appliance.service.control.status_fields import Field, Line
+from probewatch.appliance.supervision.alarms import DISPLAY_COLUMNS
+from probewatch.appliance.supervision.languages import translated
+from probewatch.appliance.supervision.watchers.device_health import DeviceHealth, Timeouts
+from probewatch.appliance.supervision.watchers.devices import watch_devices
+from probewatch.appliance.types import PARAMETERS, AlarmState, Check, Fault, State, Verdict, VerdictKind
+from probewatch.tools.shared import status_view
+from probewatch.tools.shared.status_view import StatusView, one_line
 from tests.support.answering import Answering
 from tests.support.simulated import PROBEWATCH
-from tools.shared import status_view
-from tools.shared.status_view import StatusView, one_line
 
 REASON = "beyond its limit, not certain: offset-elevational -28.4 ± 1.5 mm, limit 4 mm; not shown yet: polarity"
 SETTINGS = {
@@ -215,9 +215,9 @@ def environment(setting: str) -> dict[str, str]:
 
 ONE_AFTER_THE_OTHER = """
 import importlib, json, os, sys
-from tools.cli import main
+from probewatch.tools.cli import main
 for words in json.loads(sys.argv[1]):
-    importlib.import_module("tools.commands." + words[0])
+    importlib.import_module("probewatch.tools.commands." + words[0])
     if os.fork() == 0:
         sys.argv = ["probewatch", *words]
         main()

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from appliance.storage.calibration_file import write_calibration
-from appliance.types import Calibration
-from drivers.recordings.metaimage_writing import write_metaimage
+from probewatch.appliance.storage.calibration_file import write_calibration
+from probewatch.appliance.types import Calibration
+from probewatch.drivers.recordings.metaimage_writing import write_metaimage
+from probewatch.tools.commands.replay import command
 from tests.support.recordings import items
-from tools.commands.replay import command
 
 SIZE_PX = (48, 32)
 

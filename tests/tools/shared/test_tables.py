@@ -5,7 +5,7 @@ import io
 import pytest
 from rich.console import Console
 
-from tools.shared.tables import FittingTable, figures_in
+from probewatch.tools.shared.tables import FittingTable, figures_in
 
 HEADINGS = ("device", "what it is", "and what is wrong with it", "value", "limit")
 ROWS = [

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
+from probewatch.tools.shared.unit_sight import relative
 from tests.support.answers import answered
-from tools.shared.unit_sight import relative
 
 
 @pytest.mark.parametrize("url", ["ndi:tty", "ndi:/dev/x?probe=probe.rom@2,other.rom", "sim:scanner"])

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
+from probewatch.tools.shared import named_cart
 from tests.support.answers import answered
-from tools.shared import named_cart
 
 
 @pytest.fixture

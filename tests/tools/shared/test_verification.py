@@ -6,12 +6,12 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
-from appliance.service.control.server import ControlRefused, Peer
-from appliance.supervision.languages import translated_text
-from appliance.types import State
+from probewatch.appliance.service.control.server import ControlRefused, Peer
+from probewatch.appliance.supervision.languages import translated_text
+from probewatch.appliance.types import State
+from probewatch.tools.commands import calibration
+from probewatch.tools.shared.verification import ask, motions_for, waits_for, with_motions
 from tests.support.answering import Answers, recorded
-from tools.commands import calibration
-from tools.shared.verification import ask, motions_for, waits_for, with_motions
 
 WAITING = {"state": State.RECALIBRATING.value, "reason": "Recalibrating", "missing": ["scale-axial", "latency"]}
 

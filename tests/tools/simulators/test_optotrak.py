@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.clock.host_clock import HostClock
-from drivers.device_api import TrackerSource
-from drivers.errors import DeviceLost
-from drivers.recordings.metaimage_writing import SequenceItem, write_metaimage
-from drivers.registry import open_tracker
-from drivers.samples import Pose, PoseStatus
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.device_api import TrackerSource
+from probewatch.drivers.errors import DeviceLost
+from probewatch.drivers.recordings.metaimage_writing import SequenceItem, write_metaimage
+from probewatch.drivers.registry import open_tracker
+from probewatch.drivers.samples import Pose, PoseStatus
 from tests.support.answers import answered
 from tests.support.polling import until
 from tests.support.recordings import turn

@@ -14,18 +14,18 @@ import pytest
 from click.testing import CliRunner, Result
 from rich.console import Console
 
-from appliance.core.estimator_settings import EstimatorSettings
-from appliance.limits import Limits
-from appliance.storage.calibration_file import write_calibration
-from appliance.types import Calibration
-from drivers.errors import ConfigurationError, DeviceLost
-from drivers.recordings.metaimage_writing import write_metaimage
-from drivers.samples import Pose, PoseStatus, Stamp
+from probewatch.appliance.core.estimator_settings import EstimatorSettings
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.storage.calibration_file import write_calibration
+from probewatch.appliance.types import Calibration
+from probewatch.drivers.errors import ConfigurationError, DeviceLost
+from probewatch.drivers.recordings.metaimage_writing import write_metaimage
+from probewatch.drivers.samples import Pose, PoseStatus, Stamp
+from probewatch.tools.cli import probewatch
+from probewatch.tools.study.archive import CONTENT, NOT_FETCHED, ArchiveTask, archive_table
+from probewatch.tools.study.store import NotFetchedError, fetched, listed
 from tests.support.black_boxes import record
 from tests.support.recordings import items
-from tools.cli import probewatch
-from tools.study.archive import CONTENT, NOT_FETCHED, ArchiveTask, archive_table
-from tools.study.store import NotFetchedError, fetched, listed
 
 SIZE_PX = (48, 32)
 
@@ -117,7 +117,7 @@ def test_a_store_is_studied_on_a_cluster_and_what_was_missing_is_done_later(
     fill(store, "a/good.igs.mha", "b/good.igs.mha", data=recording.read_bytes())
     fill(store, "bad.mha", data=b"no recording")
     there = list(listed(store))
-    monkeypatch.setattr("tools.commands.study.listed", lambda url: [*there, (f"{store}/late.mha",)])
+    monkeypatch.setattr("probewatch.tools.commands.study.listed", lambda url: [*there, (f"{store}/late.mha",)])
     with LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=":0") as cluster:
         options = ("--calibration", calibration, "--output", tmp_path / "out", "--scheduler", cluster.scheduler_address)
         first = study(store, *options)

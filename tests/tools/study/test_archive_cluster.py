@@ -9,8 +9,8 @@ import time
 
 import pytest
 
+from probewatch.tools.study import workers
 from tests.support.polling import until
-from tools.study import workers
 
 
 class Cluster:

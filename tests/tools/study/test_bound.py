@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from tools.study import bound
-from tools.study.bound import LN_A, bounds, least_delay_s
-from tools.study.session import Session
+from probewatch.tools.study import bound
+from probewatch.tools.study.bound import LN_A, bounds, least_delay_s
+from probewatch.tools.study.session import Session
 
 
 def known(name, noise_mm=0.1, span_s=10.0, tissue="still"):

@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from appliance.core.parameters import limit_of_each
-from appliance.limits import Limits
-from drivers.errors import ConfigurationError
-from drivers.rigid import inverse, rigid, rotation_from_vector
-from drivers.samples import Frame, PoseStatus
-from tools.study.hazard import CREEP_S, FAULTS, HIDDEN_S, ONSET_S, STANDARD, WITHIN, Hazard, Manner
-from tools.study.samples import Conditions, Tracker, samples, seconds
-from tools.study.session import Session
+from probewatch.appliance.core.parameters import limit_of_each
+from probewatch.appliance.limits import Limits
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.drivers.rigid import inverse, rigid, rotation_from_vector
+from probewatch.drivers.samples import Frame, PoseStatus
+from probewatch.tools.study.hazard import CREEP_S, FAULTS, HIDDEN_S, ONSET_S, STANDARD, WITHIN, Hazard, Manner
+from probewatch.tools.study.samples import Conditions, Tracker, samples, seconds
+from probewatch.tools.study.session import Session
 
 EXACT = Tracker(0.0, 0.0)
 

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from appliance.core.quality.point_error import Bounds, longest
-from drivers.rigid import Array
-from tools.study.hazard import Hazard
-from tools.study.point import PLACES, Coverage, errors_mm, places_mm
-from tools.study.samples import Conditions
-from tools.study.session import Session
+from probewatch.appliance.core.quality.point_error import Bounds, longest
+from probewatch.drivers.rigid import Array
+from probewatch.tools.study.hazard import Hazard
+from probewatch.tools.study.point import PLACES, Coverage, errors_mm, places_mm
+from probewatch.tools.study.samples import Conditions
+from probewatch.tools.study.session import Session
 
 SESSION = Session("gesture", "rigid", 1, 5.0)
 

@@ -6,13 +6,13 @@ import cv2
 import numpy as np
 import pytest
 
-from appliance.core.path.steps import predicted_path
-from drivers.rigid import inverse, rigid
-from tools.study.hand import ALL, GESTURE_S, lifted, tremor
-from tools.study.hazard import Hazard
-from tools.study.place import erring_by_place
-from tools.study.samples import rendered
-from tools.study.session import SETTINGS, TISSUES, Session, picture_path
+from probewatch.appliance.core.path.steps import predicted_path
+from probewatch.drivers.rigid import inverse, rigid
+from probewatch.tools.study.hand import ALL, GESTURE_S, lifted, tremor
+from probewatch.tools.study.hazard import Hazard
+from probewatch.tools.study.place import erring_by_place
+from probewatch.tools.study.samples import rendered
+from probewatch.tools.study.session import SETTINGS, TISSUES, Session, picture_path
 
 T_S = np.arange(0, 60, 1 / 30)
 

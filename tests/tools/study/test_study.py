@@ -8,25 +8,25 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 
-from appliance.limits import NAMED_NATS, WITHDRAWN_NATS
-from appliance.storage.calibration_file import write_calibration
-from appliance.types import PARAMETERS, Calibration
-from drivers.errors import DeviceLost
-from drivers.recordings.metaimage_writing import write_metaimage
-from drivers.recordings.replay import open_recording
-from drivers.samples import Pose
+from probewatch.appliance.limits import NAMED_NATS, WITHDRAWN_NATS
+from probewatch.appliance.storage.calibration_file import write_calibration
+from probewatch.appliance.types import PARAMETERS, Calibration
+from probewatch.drivers.errors import DeviceLost
+from probewatch.drivers.recordings.metaimage_writing import write_metaimage
+from probewatch.drivers.recordings.replay import open_recording
+from probewatch.drivers.samples import Pose
+from probewatch.tools.study import workers
+from probewatch.tools.study.hazard import Hazard
+from probewatch.tools.study.metal import distorted
+from probewatch.tools.study.outcome import run
+from probewatch.tools.study.plan import Task, planned, tasks
+from probewatch.tools.study.samples import KEYS, WITHOUT_OFFSETS, Conditions, rendered, samples
+from probewatch.tools.study.session import Session
+from probewatch.tools.study.table import StudyTable
+from probewatch.tools.study.workers import results
 from tests.support.answers import answered
 from tests.support.kept_pictures import sessions
 from tests.support.recordings import items
-from tools.study import workers
-from tools.study.hazard import Hazard
-from tools.study.metal import distorted
-from tools.study.outcome import run
-from tools.study.plan import Task, planned, tasks
-from tools.study.samples import KEYS, WITHOUT_OFFSETS, Conditions, rendered, samples
-from tools.study.session import Session
-from tools.study.table import StudyTable
-from tools.study.workers import results
 
 SHORT = Session("in-plane", "still", 1, 10.0)
 

@@ -6,10 +6,10 @@ from xml.etree import ElementTree
 
 import pytest
 
-from appliance.core.parameters import MEASURED
-from tools.study.outcome import Outcome
-from tools.study.page import write_page
-from tools.study.summary import Share, coverages, detections, false_rate_per_hour, healthy_hours
+from probewatch.appliance.core.parameters import MEASURED
+from probewatch.tools.study.outcome import Outcome
+from probewatch.tools.study.page import write_page
+from probewatch.tools.study.summary import Share, coverages, detections, false_rate_per_hour, healthy_hours
 
 
 @pytest.mark.parametrize(

@@ -4,8 +4,8 @@ import re
 
 import pytest
 
-from drivers.errors import ConfigurationError
-from tools.study.table import StudyTable, code_digest, commit
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.tools.study.table import StudyTable, code_digest, commit
 
 KEYS = ("session", "seed")
 

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from appliance.core.acquisition.input_validation import FURTHEST_MM, checked_pose, refused_picture
-from appliance.core.line import Line
-from appliance.limits import Limits
-from appliance.types import Calibration, Verdict, VerdictKind
-from drivers.samples import Frame, Pose, PoseStatus, Stamp
-from drivers.trackers import pose_bounds
-from drivers.twins.scene.world import World
+from probewatch.appliance.core.acquisition.input_validation import FURTHEST_MM, checked_pose, refused_picture
+from probewatch.appliance.core.line import Line
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.types import Calibration, Verdict, VerdictKind
+from probewatch.drivers.samples import Frame, Pose, PoseStatus, Stamp
+from probewatch.drivers.trackers import pose_bounds
+from probewatch.drivers.twins.scene.world import World
 from tests.appliance.core.test_line import truth
 from tests.support.rendered import SMALL
 

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from appliance.core.acquisition.pairing import GAP, NEVER, NO_POSE, NOT_OK, REASONS, Pairing, Unpaired
-from appliance.types import StampedPair
-from drivers.rigid import rigid, rotation_from_vector
-from drivers.samples import Frame, Pose, PoseStatus, Stamp
+from probewatch.appliance.core.acquisition.pairing import GAP, NEVER, NO_POSE, NOT_OK, REASONS, Pairing, Unpaired
+from probewatch.appliance.types import StampedPair
+from probewatch.drivers.rigid import rigid, rotation_from_vector
+from probewatch.drivers.samples import Frame, Pose, PoseStatus, Stamp
 
 PICTURE = np.zeros((2, 3), np.uint8)
 MS = 1_000_000

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from appliance.core.acquisition.stamp_gate import StampCheck, StampGate
+from probewatch.appliance.core.acquisition.stamp_gate import StampCheck, StampGate
 
 MS = 1_000_000
 IN, REFUSED, WENT_BACKWARDS = StampCheck.IN, StampCheck.REFUSED, StampCheck.WENT_BACKWARDS

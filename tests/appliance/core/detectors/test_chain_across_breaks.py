@@ -5,10 +5,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from appliance.core.detectors.picture_chain import PictureChain
-from appliance.types import VerdictKind
-from drivers.rigid import rigid
-from drivers.samples import GreyImage
+from probewatch.appliance.core.detectors.picture_chain import PictureChain
+from probewatch.appliance.types import VerdictKind
+from probewatch.drivers.rigid import rigid
+from probewatch.drivers.samples import GreyImage
 from tests.appliance.core.detectors.test_picture_chain import (
     BLACK,
     CALM,

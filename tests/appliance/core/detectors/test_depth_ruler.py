@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from scipy.stats import beta
 
-from appliance.core.detectors.depth_ruler import DepthRuler
-from appliance.core.detectors.observation import Observation
-from appliance.types import Check, Fault, VerdictKind
-from drivers.recordings.replay import open_recording
-from drivers.samples import Frame, GreyImage
+from probewatch.appliance.core.detectors.depth_ruler import DepthRuler
+from probewatch.appliance.core.detectors.observation import Observation
+from probewatch.appliance.types import Check, Fault, VerdictKind
+from probewatch.drivers.recordings.replay import open_recording
+from probewatch.drivers.samples import Frame, GreyImage
 from tests.support.recordings import plus_file
 from tests.support.rulers import HEIGHT, STYLES, TISSUE, WIDTH, Style, grabbed, picture
 

@@ -4,10 +4,10 @@ from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
 
-from appliance.core import detectors
-from appliance.core.detectors.detector import Detector
-from appliance.core.line import Line
-from appliance.limits import Limits
+from probewatch.appliance.core import detectors
+from probewatch.appliance.core.detectors.detector import Detector
+from probewatch.appliance.core.line import Line
+from probewatch.appliance.limits import Limits
 from tests.support.motions import TRUTH
 
 FOLDER = Path(detectors.__file__).parent
@@ -20,7 +20,7 @@ def kinds() -> Iterator[type[Detector]]:
     left = [Detector]
     while left:
         one = left.pop()
-        below = [kind for kind in one.__subclasses__() if kind.__module__.startswith("appliance.")]
+        below = [kind for kind in one.__subclasses__() if kind.__module__.startswith("probewatch.appliance.")]
         left += below
         if not below:
             yield one

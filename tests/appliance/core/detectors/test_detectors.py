@@ -5,20 +5,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from appliance.core.detectors.calibration_change import agreement_check, calibration_checks, latency_check
-from appliance.core.detectors.frozen_tracker import FrozenTracker
-from appliance.core.detectors.frozen_video import FrozenVideo
-from appliance.core.detectors.observation import Observation
-from appliance.core.detectors.polarity import weigh_polarity
-from appliance.core.detectors.pose_convention import PoseConvention
-from appliance.core.path.conventions import Convention
-from appliance.core.path.explanation import Explanation
-from appliance.core.path.latency import Latency
-from appliance.core.path.solver import Prior, Solution, solve
-from appliance.limits import Limits
-from appliance.types import PARAMETERS, Fault, VerdictKind
-from drivers.rigid import rigid
-from drivers.samples import Pose, PoseStatus, Stamp
+from probewatch.appliance.core.detectors.calibration_change import agreement_check, calibration_checks, latency_check
+from probewatch.appliance.core.detectors.frozen_tracker import FrozenTracker
+from probewatch.appliance.core.detectors.frozen_video import FrozenVideo
+from probewatch.appliance.core.detectors.observation import Observation
+from probewatch.appliance.core.detectors.polarity import weigh_polarity
+from probewatch.appliance.core.detectors.pose_convention import PoseConvention
+from probewatch.appliance.core.path.conventions import Convention
+from probewatch.appliance.core.path.explanation import Explanation
+from probewatch.appliance.core.path.latency import Latency
+from probewatch.appliance.core.path.solver import Prior, Solution, solve
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.types import PARAMETERS, Fault, VerdictKind
+from probewatch.drivers.rigid import rigid
+from probewatch.drivers.samples import Pose, PoseStatus, Stamp
 from tests.support.motions import TRUTH, Noise, planar_path, samples
 
 OK, FAULT, NOT_VERIFIED = VerdictKind.OK, VerdictKind.FAULT, VerdictKind.NOT_VERIFIED

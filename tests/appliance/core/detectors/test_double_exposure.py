@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 import pytest
 
-from appliance.core.detectors.double_exposure import DoubleExposure
-from appliance.core.detectors.picture_link import contrasts
-from appliance.core.registration.pyramid import Array32
+from probewatch.appliance.core.detectors.double_exposure import DoubleExposure
+from probewatch.appliance.core.detectors.picture_link import contrasts
+from probewatch.appliance.core.registration.pyramid import Array32
 
 FRAME_NS = 33_333_333
 HALVED = np.log(np.sqrt(0.5))

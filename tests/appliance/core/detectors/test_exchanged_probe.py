@@ -5,10 +5,10 @@ from math import nan
 
 import pytest
 
-from appliance.core.detectors.exchanged_probe import ExchangedProbe
-from appliance.core.parameters import CLASSES, MEASURED, QUANTITIES
-from appliance.limits import Limits
-from appliance.types import Check, Fault, VerdictKind
+from probewatch.appliance.core.detectors.exchanged_probe import ExchangedProbe
+from probewatch.appliance.core.parameters import CLASSES, MEASURED, QUANTITIES
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.types import Check, Fault, VerdictKind
 
 LIMITS = Limits()
 EXCHANGED = {"rotation-axial": -20.0, "offset-elevational": 15.0, "scale-lateral": -20.0}

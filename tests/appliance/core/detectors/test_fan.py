@@ -6,11 +6,19 @@ import cv2
 import numpy as np
 import pytest
 
-from appliance.core.detectors.fan import Fan, fan_in
-from appliance.core.detectors.fan_borders import APEX_X, APEX_Y, ASPECT, BOTTOM, BOTTOM_RADIUS, FACE_RADIUS, LEFT_SLOPE
-from appliance.core.detectors.fan_change import change_between
-from drivers.recordings.replay import open_recording
-from drivers.samples import Frame, GreyImage
+from probewatch.appliance.core.detectors.fan import Fan, fan_in
+from probewatch.appliance.core.detectors.fan_borders import (
+    APEX_X,
+    APEX_Y,
+    ASPECT,
+    BOTTOM,
+    BOTTOM_RADIUS,
+    FACE_RADIUS,
+    LEFT_SLOPE,
+)
+from probewatch.appliance.core.detectors.fan_change import change_between
+from probewatch.drivers.recordings.replay import open_recording
+from probewatch.drivers.samples import Frame, GreyImage
 from tests.support.fans import HEIGHT, STYLES, WIDTH, FanStyle, a_fan, fan_picture
 from tests.support.recordings import in_vivo_file, plus_file
 from tests.support.rulers import grabbed

@@ -7,18 +7,18 @@ import cv2
 import numpy as np
 import pytest
 
-from appliance.core.detectors.fan_watch import FanWatch
-from appliance.core.detectors.observation import Observation
-from appliance.limits import Limits
-from appliance.types import Calibration, Check, Fault, VerdictKind
-from drivers.recordings.replay import open_recording
-from drivers.samples import Frame, GreyImage
+from probewatch.appliance.core.detectors.fan_watch import FanWatch
+from probewatch.appliance.core.detectors.observation import Observation
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.types import Calibration, Check, Fault, VerdictKind
+from probewatch.drivers.recordings.replay import open_recording
+from probewatch.drivers.samples import Frame, GreyImage
+from probewatch.tools.study.samples import rendered
+from probewatch.tools.study.session import Session
 from tests.support.fans import HEIGHT, STYLES, WIDTH, FanStyle, fan_picture
 from tests.support.kept_pictures import sessions
 from tests.support.picture_breaks import Other
 from tests.support.recordings import in_vivo_file
-from tools.study.samples import rendered
-from tools.study.session import Session
 
 REFERENCE = Calibration(np.eye(3), (1, 1), np.array([0.3, 0.3]), np.zeros(3), (WIDTH, HEIGHT))
 NAMED_S = 1.0

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from appliance.core.detectors.leap import around_step, uneven_step
+from probewatch.appliance.core.detectors.leap import around_step, uneven_step
 
 
 @pytest.mark.parametrize("dt_s", [0.05, 0.125, 0.24])

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from appliance.core.detectors.magnification import Magnification, magnified, pressed_between
-from appliance.core.detectors.picture_link import View
-from appliance.core.detectors.stretch import warped
-from appliance.types import Calibration
-from drivers.rigid import Array, inverse, rigid, rotation_from_vector
+from probewatch.appliance.core.detectors.magnification import Magnification, magnified, pressed_between
+from probewatch.appliance.core.detectors.picture_link import View
+from probewatch.appliance.core.detectors.stretch import warped
+from probewatch.appliance.types import Calibration
+from probewatch.drivers.rigid import Array, inverse, rigid, rotation_from_vector
 from tests.support.motions import TRUTH
 
 PICTURE = np.random.default_rng(1).normal(100, 30, (30, 40)).astype(np.float32).repeat(4, axis=0).repeat(4, axis=1)

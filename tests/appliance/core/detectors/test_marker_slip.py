@@ -5,14 +5,14 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from appliance.core.detectors.leap import fit_leap, retraced
-from appliance.core.detectors.marker_slip import MarkerSlip
-from appliance.core.detectors.observation import Observation
-from appliance.core.motion import plane_step, predicted_motion
-from appliance.limits import Limits
-from appliance.types import VerdictKind
-from drivers.rigid import Array, inverse, rigid, rotation_from_vector, vector_from_rotation
-from drivers.samples import Pose, PoseStatus, Stamp
+from probewatch.appliance.core.detectors.leap import fit_leap, retraced
+from probewatch.appliance.core.detectors.marker_slip import MarkerSlip
+from probewatch.appliance.core.detectors.observation import Observation
+from probewatch.appliance.core.motion import plane_step, predicted_motion
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.types import VerdictKind
+from probewatch.drivers.rigid import Array, inverse, rigid, rotation_from_vector, vector_from_rotation
+from probewatch.drivers.samples import Pose, PoseStatus, Stamp
 from tests.support.motions import TRUTH
 
 X = rigid(TRUTH.rotation, TRUTH.offset_mm)

@@ -16,12 +16,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.special import betaincinv
 
-from appliance.core.detectors.no_picture import NoPicture
-from appliance.core.registration.texture import Texture, TextureReader
-from appliance.types import VerdictKind
-from drivers.recordings.replay import open_recording
-from drivers.samples import Frame, GreyImage
-from drivers.twins.scene.world import World, WorldSettings
+from probewatch.appliance.core.detectors.no_picture import NoPicture
+from probewatch.appliance.core.registration.texture import Texture, TextureReader
+from probewatch.appliance.types import VerdictKind
+from probewatch.drivers.recordings.replay import open_recording
+from probewatch.drivers.samples import Frame, GreyImage
+from probewatch.drivers.twins.scene.world import World, WorldSettings
 from tests.support import no_tissue
 from tests.support.recordings import plus_file
 from tests.support.scatterers import Array1D, Look, render

@@ -7,14 +7,14 @@ import cv2
 import numpy as np
 import pytest
 
-from appliance.core.detectors.observation import Observation
-from appliance.core.detectors.picture_chain import PictureChain
-from appliance.core.detectors.picture_change import PictureChange
-from appliance.core.registration.realtime_tracker import Warp
-from appliance.limits import Limits
-from appliance.types import Calibration, VerdictKind
-from drivers.rigid import rigid
-from drivers.samples import GreyImage, Matrix4
+from probewatch.appliance.core.detectors.observation import Observation
+from probewatch.appliance.core.detectors.picture_chain import PictureChain
+from probewatch.appliance.core.detectors.picture_change import PictureChange
+from probewatch.appliance.core.registration.realtime_tracker import Warp
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.types import Calibration, VerdictKind
+from probewatch.drivers.rigid import rigid
+from probewatch.drivers.samples import GreyImage, Matrix4
 
 FRAME_NS = 33_000_000
 WAITS_NS = 300_000_000

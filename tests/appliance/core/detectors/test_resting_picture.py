@@ -7,14 +7,14 @@ import cv2
 import numpy as np
 import pytest
 
-from appliance.core.detectors.picture_change import PictureChange
-from appliance.core.detectors.picture_link import Link, View, link_between, small
-from appliance.core.detectors.resting_picture import RestingPicture
-from appliance.core.detectors.stretch import carried
-from appliance.core.registration.pyramid import Array32
-from appliance.types import Calibration
-from drivers.rigid import rigid
-from drivers.samples import GreyImage, Matrix4
+from probewatch.appliance.core.detectors.picture_change import PictureChange
+from probewatch.appliance.core.detectors.picture_link import Link, View, link_between, small
+from probewatch.appliance.core.detectors.resting_picture import RestingPicture
+from probewatch.appliance.core.detectors.stretch import carried
+from probewatch.appliance.core.registration.pyramid import Array32
+from probewatch.appliance.types import Calibration
+from probewatch.drivers.rigid import rigid
+from probewatch.drivers.samples import GreyImage, Matrix4
 
 FRAME_NS = 100_000_000
 WIDTH, ROWS = 160, 120

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from appliance.core.detectors.observation import Observation
-from appliance.core.detectors.slow_slip import SLIPS_S, SlowSlip
-from appliance.limits import Limits
-from drivers.rigid import Array, inverse, rigid, rotation_from_vector
+from probewatch.appliance.core.detectors.observation import Observation
+from probewatch.appliance.core.detectors.slow_slip import SLIPS_S, SlowSlip
+from probewatch.appliance.limits import Limits
+from probewatch.drivers.rigid import Array, inverse, rigid, rotation_from_vector
 from tests.support.motions import TRUTH
 
 X = rigid(TRUTH.rotation, TRUTH.offset_mm)

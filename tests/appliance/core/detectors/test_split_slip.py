@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from appliance.core.detectors.observation import Observation
-from appliance.core.detectors.split_slip import SplitSlip
-from appliance.limits import Limits
-from drivers.rigid import Array, inverse, rigid
-from drivers.samples import Pose, PoseStatus, Stamp
+from probewatch.appliance.core.detectors.observation import Observation
+from probewatch.appliance.core.detectors.split_slip import SplitSlip
+from probewatch.appliance.limits import Limits
+from probewatch.drivers.rigid import Array, inverse, rigid
+from probewatch.drivers.samples import Pose, PoseStatus, Stamp
 from tests.support.motions import TRUTH
 
 X = rigid(TRUTH.rotation, TRUTH.offset_mm)

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from appliance.core.detectors.picture_link import small
-from appliance.core.detectors.stretch import carried, likeness_in_place, seen_in_both, stretch_between
+from probewatch.appliance.core.detectors.picture_link import small
+from probewatch.appliance.core.detectors.stretch import carried, likeness_in_place, seen_in_both, stretch_between
 from tests.appliance.core.detectors.test_picture_chain import speckle, stretched
 
 

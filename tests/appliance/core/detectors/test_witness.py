@@ -5,13 +5,13 @@ from collections.abc import Iterable
 import numpy as np
 import pytest
 
-from appliance.core.detectors.observation import Observation
-from appliance.core.detectors.witness import LEARN_NS, Witness
-from appliance.limits import Limits
-from appliance.types import Check, Fault, VerdictKind
-from drivers.rigid import inverse, rigid, rotation_from_vector
-from drivers.samples import Matrix4, Pose, PoseStatus, Stamp
-from tools.development.witness_law import TRACKERS, Tracker, delays_s, noise, session
+from probewatch.appliance.core.detectors.observation import Observation
+from probewatch.appliance.core.detectors.witness import LEARN_NS, Witness
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.types import Check, Fault, VerdictKind
+from probewatch.drivers.rigid import inverse, rigid, rotation_from_vector
+from probewatch.drivers.samples import Matrix4, Pose, PoseStatus, Stamp
+from probewatch.tools.development.witness_law import TRACKERS, Tracker, delays_s, noise, session
 
 HZ = 60.0
 RELATIVE_POSE = rigid(rotation_from_vector(np.array([0.3, -0.2, 1.0])), np.array([80.0, 10.0, -5.0]))

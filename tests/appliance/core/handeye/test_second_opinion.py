@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from appliance.core.handeye.second_opinion import SecondOpinion, second_opinion
-from appliance.core.quality.report import report_json
-from appliance.types import Calibration
-from drivers.rigid import rotation_from_vector, vector_from_rotation
+from probewatch.appliance.core.handeye.second_opinion import SecondOpinion, second_opinion
+from probewatch.appliance.core.quality.report import report_json
+from probewatch.appliance.types import Calibration
+from probewatch.drivers.rigid import rotation_from_vector, vector_from_rotation
 from tests.support.motions import TRUTH, planar_path, tilting_path
 from tests.support.windows import elevational_path, filled
 from tests.tools.shared.test_json_report import line_report

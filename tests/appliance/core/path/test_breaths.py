@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from scipy.signal import find_peaks
 
-from appliance.core.path.blocks import Blocks
-from appliance.core.path.breaths import Breaths, peaks
-from appliance.core.path.samples import PathSamples
-from appliance.core.path.solver import Prior, Solution, solve
-from drivers.rigid import Array, rigid, rotation_from_vector
+from probewatch.appliance.core.path.blocks import Blocks
+from probewatch.appliance.core.path.breaths import Breaths, peaks
+from probewatch.appliance.core.path.samples import PathSamples
+from probewatch.appliance.core.path.solver import Prior, Solution, solve
+from probewatch.drivers.rigid import Array, rigid, rotation_from_vector
 from tests.support.motions import TRUTH, Noise, samples
 
 SECONDS = 26

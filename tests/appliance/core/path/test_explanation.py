@@ -6,13 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from appliance.core.path.conventions import Convention
-from appliance.core.path.explanation import Explanation, explain, recent_lag
-from appliance.core.path.pose_track import PoseTrack
-from appliance.core.path.window import PathWindow
-from appliance.core.spread_work import run_to_end
-from appliance.types import Calibration
-from drivers.rigid import Array, inverse, quaternion_from_rotation, rigid, rotation_from_quaternion
+from probewatch.appliance.core.path.conventions import Convention
+from probewatch.appliance.core.path.explanation import Explanation, explain, recent_lag
+from probewatch.appliance.core.path.pose_track import PoseTrack
+from probewatch.appliance.core.path.window import PathWindow
+from probewatch.appliance.core.spread_work import run_to_end
+from probewatch.appliance.types import Calibration
+from probewatch.drivers.rigid import Array, inverse, quaternion_from_rotation, rigid, rotation_from_quaternion
 from tests.support.motions import TRUTH, planar_path, tilting_path
 from tests.support.windows import elevational_path, filled
 

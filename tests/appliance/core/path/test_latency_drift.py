@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from appliance.core.path.latency import Latency
-from appliance.core.path.latency_drift import LatencyDrift
+from probewatch.appliance.core.path.latency import Latency
+from probewatch.appliance.core.path.latency_drift import LatencyDrift
 
 EVERY_NS, WINDOW_NS = 330_000_000, 3_500_000_000
 

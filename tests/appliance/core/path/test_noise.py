@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from appliance.core.path.blocks import BREATHING, MEMORY, PARTS, SLANT, WALK, WAY, WHITE, Blocks
-from appliance.core.path.noise import LearnedNoise, Noise
-from drivers.rigid import Array
+from probewatch.appliance.core.path.blocks import BREATHING, MEMORY, PARTS, SLANT, WALK, WAY, WHITE, Blocks
+from probewatch.appliance.core.path.noise import LearnedNoise, Noise
+from probewatch.drivers.rigid import Array
 
 SIZES = np.array([0.12, 0.05, 0.04, 0.02, 1e-3, 0.5, 0.05])
 """Standard deviations of the parts of a position."""

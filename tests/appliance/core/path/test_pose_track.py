@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from appliance.core.path.pose_track import PoseTrack
-from drivers.rigid import rigid, rotation_from_vector
-from drivers.samples import Matrix4
+from probewatch.appliance.core.path.pose_track import PoseTrack
+from probewatch.drivers.rigid import rigid, rotation_from_vector
+from probewatch.drivers.samples import Matrix4
 from tests.support.motions import planar_path
 from tests.support.windows import ORIGIN_NS
 

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from appliance.core.path.residual import NOTHING, OFFSET, SCALE, TAU, VALUE, Lack, PathResidual
-from appliance.core.path.solver import Prior, solve
-from drivers.rigid import Array, rigid, rotation_from_vector
+from probewatch.appliance.core.path.residual import NOTHING, OFFSET, SCALE, TAU, VALUE, Lack, PathResidual
+from probewatch.appliance.core.path.solver import Prior, solve
+from probewatch.drivers.rigid import Array, rigid, rotation_from_vector
 from tests.support import motions
 from tests.support.motions import TRUTH, planar_path, samples, tilting_path
 

@@ -6,13 +6,13 @@ from functools import cache
 import numpy as np
 import pytest
 
-from appliance.core.path import noise as path_noise
-from appliance.core.path.blocks import PARTS, WALK, WHITE
-from appliance.core.path.fit import PathFit
-from appliance.core.path.samples import PathSamples
-from appliance.core.path.solver import Prior, Solution, solve
-from appliance.types import Calibration
-from drivers.rigid import rigid, rotation_from_vector, vector_from_rotation
+from probewatch.appliance.core.path import noise as path_noise
+from probewatch.appliance.core.path.blocks import PARTS, WALK, WHITE
+from probewatch.appliance.core.path.fit import PathFit
+from probewatch.appliance.core.path.samples import PathSamples
+from probewatch.appliance.core.path.solver import Prior, Solution, solve
+from probewatch.appliance.types import Calibration
+from probewatch.drivers.rigid import rigid, rotation_from_vector, vector_from_rotation
 from tests.support.motions import TRUTH, Noise, planar_path, samples, tilting_path
 
 QUIET = Noise(position_mm=0.0, angle_deg=0.0, picture_px=0.0, drift_mm=0.0, drift_deg=0.0)

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from appliance.core.path.tissue_compliance import TissueMotion
-from appliance.core.path.window import PathWindow
-from appliance.limits import Limits
-from appliance.types import DRAGS, PRESSES, Calibration, TissuePath
-from drivers.rigid import Array, rigid, rotation_from_vector
+from probewatch.appliance.core.path.tissue_compliance import TissueMotion
+from probewatch.appliance.core.path.window import PathWindow
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.types import DRAGS, PRESSES, Calibration, TissuePath
+from probewatch.drivers.rigid import Array, rigid, rotation_from_vector
 from tests.support.motions import TRUTH, planar_path, tilting_path
 from tests.support.windows import elevational_path, filled
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from appliance.core.path.steps import SensorSteps, picture_steps, predicted_path, products_and_slopes
-from appliance.core.path.window import PathWindow
-from drivers.rigid import rigid, rotation_from_vector
+from probewatch.appliance.core.path.steps import SensorSteps, picture_steps, predicted_path, products_and_slopes
+from probewatch.appliance.core.path.window import PathWindow
+from probewatch.drivers.rigid import rigid, rotation_from_vector
 from tests.support.motions import TRUTH, planar_path, tilting_path
 from tests.support.windows import filled, motion
 

@@ -6,12 +6,12 @@ from math import sqrt
 import numpy as np
 import pytest
 
-from appliance.core.parameters import MEASURED, QUANTITIES, class_of
-from appliance.core.quality.accumulation import accumulated, pooled
-from appliance.core.quality.trend import Estimate
-from appliance.types import PARAMETERS, VerdictKind
-from tools.development.false_alarms import Played, Quiet
-from tools.study.session import Session
+from probewatch.appliance.core.parameters import MEASURED, QUANTITIES, class_of
+from probewatch.appliance.core.quality.accumulation import accumulated, pooled
+from probewatch.appliance.core.quality.trend import Estimate
+from probewatch.appliance.types import PARAMETERS, VerdictKind
+from probewatch.tools.development.false_alarms import Played, Quiet
+from probewatch.tools.study.session import Session
 
 LEFT_OUT = 0.25
 EVERY_S, DAY_S = 300.0, 86_400.0

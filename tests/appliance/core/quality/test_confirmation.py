@@ -5,13 +5,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from appliance.core.path.blocks import AXIAL
-from appliance.core.path.noise import Habit
-from appliance.core.quality.confirmation import Memory, Solved, by_breathing_alone, decidable, decide, since_change
-from appliance.core.quality.examination import Finding, examine, examine_nothing
-from appliance.core.times import CHANGE_WINDOW_NS
-from appliance.limits import Limits
-from appliance.types import Calibration, Check, VerdictKind
+from probewatch.appliance.core.path.blocks import AXIAL
+from probewatch.appliance.core.path.noise import Habit
+from probewatch.appliance.core.quality.confirmation import (
+    Memory,
+    Solved,
+    by_breathing_alone,
+    decidable,
+    decide,
+    since_change,
+)
+from probewatch.appliance.core.quality.examination import Finding, examine, examine_nothing
+from probewatch.appliance.core.times import CHANGE_WINDOW_NS
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.types import Calibration, Check, VerdictKind
 from tests.support.motions import TRUTH, tilting_path
 from tests.support.windows import filled
 

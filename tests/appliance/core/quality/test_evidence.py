@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from appliance.core.path.window import PathWindow
-from appliance.core.quality.evidence import Evidence
-from appliance.core.quality.examination import examine, examine_nothing
-from appliance.limits import Limits
-from appliance.types import PARAMETERS, Calibration, Check, Fault, VerdictKind
-from drivers.rigid import Array, rigid, rotation_from_vector
+from probewatch.appliance.core.path.window import PathWindow
+from probewatch.appliance.core.quality.evidence import Evidence
+from probewatch.appliance.core.quality.examination import examine, examine_nothing
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.types import PARAMETERS, Calibration, Check, Fault, VerdictKind
+from probewatch.drivers.rigid import Array, rigid, rotation_from_vector
 from tests.support.motions import TRUTH, planar_path, tilting_path
 from tests.support.windows import ORIGIN_NS, elevational_path, filled, motion
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from appliance.core.quality.examination import unchanged
-from appliance.limits import Limits
+from probewatch.appliance.core.quality.examination import unchanged
+from probewatch.appliance.limits import Limits
 
 
 def change(rotation_deg: float = 0.0, scale: float = 0.0, offset_mm: float = 0.0) -> np.ndarray:

@@ -5,21 +5,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from appliance.core.acquisition.pairing import Unpaired
-from appliance.core.line import Line
-from appliance.core.path.blocks import BREATHING
-from appliance.core.path.window import PathWindow
-from appliance.core.quality.evidence import Evidence
-from appliance.core.quality.field_distortion import DOUBTED_NATS, NAME, FieldDistortion, distortion_nats
-from appliance.core.quality.innovations import Innovations
-from appliance.core.quality.judgement import judge
-from appliance.core.quality.verification import VerificationStatus
-from appliance.core.spread_work import run_to_end
-from appliance.limits import NAMED_NATS, Limits
-from appliance.supervision.supervisor import Durations, Inputs, Supervisor
-from appliance.types import Check, Fault, Verdict, VerdictKind
-from drivers.rigid import Array, rigid, rotation_from_vector
-from drivers.samples import Frame, Stamp
+from probewatch.appliance.core.acquisition.pairing import Unpaired
+from probewatch.appliance.core.line import Line
+from probewatch.appliance.core.path.blocks import BREATHING
+from probewatch.appliance.core.path.window import PathWindow
+from probewatch.appliance.core.quality.evidence import Evidence
+from probewatch.appliance.core.quality.field_distortion import DOUBTED_NATS, NAME, FieldDistortion, distortion_nats
+from probewatch.appliance.core.quality.innovations import Innovations
+from probewatch.appliance.core.quality.judgement import judge
+from probewatch.appliance.core.quality.verification import VerificationStatus
+from probewatch.appliance.core.spread_work import run_to_end
+from probewatch.appliance.limits import NAMED_NATS, Limits
+from probewatch.appliance.supervision.supervisor import Durations, Inputs, Supervisor
+from probewatch.appliance.types import Check, Fault, Verdict, VerdictKind
+from probewatch.drivers.rigid import Array, rigid, rotation_from_vector
+from probewatch.drivers.samples import Frame, Stamp
 from tests.appliance.core.quality.test_sequential_test import known
 from tests.support.motions import TRUTH, tilting_path
 from tests.support.windows import BEFORE_S, POSE_HZ, filled

@@ -6,16 +6,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from appliance.core.detectors.polarity import obvious_flip
-from appliance.core.path.window import PathWindow
-from appliance.core.quality.evidence import Evidence
-from appliance.core.quality.sequential_test import NAMED_NATS
-from appliance.limits import Limits
-from appliance.types import Calibration, Fault, VerdictKind
-from drivers.rigid import Array, rigid, rotation_from_vector
+from probewatch.appliance.core.detectors.polarity import obvious_flip
+from probewatch.appliance.core.path.window import PathWindow
+from probewatch.appliance.core.quality.evidence import Evidence
+from probewatch.appliance.core.quality.sequential_test import NAMED_NATS
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.types import Calibration, Fault, VerdictKind
+from probewatch.drivers.rigid import Array, rigid, rotation_from_vector
+from probewatch.tools.study.hand import ALL
 from tests.support.motions import TRUTH, planar_path, tilting_path
 from tests.support.windows import FPS, filled
-from tools.study.hand import ALL
 
 SOLVED_EVERY = 6
 """Pictures: .2 s, as the line does at first."""

@@ -5,13 +5,13 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from appliance.core.parameters import MEASURED, PER_UNIT, limit_of_each
-from appliance.core.quality.gesture import Gesture, gestures
-from appliance.limits import Limits
-from drivers.rigid import Array
-from tools.study import hand
-from tools.study.bound import bounds
-from tools.study.session import Session
+from probewatch.appliance.core.parameters import MEASURED, PER_UNIT, limit_of_each
+from probewatch.appliance.core.quality.gesture import Gesture, gestures
+from probewatch.appliance.limits import Limits
+from probewatch.drivers.rigid import Array
+from probewatch.tools.study import hand
+from probewatch.tools.study.bound import bounds
+from probewatch.tools.study.session import Session
 
 LIMITS = Limits()
 MOST = dict(zip(MEASURED, PER_UNIT * limit_of_each(LIMITS), strict=True))

@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from appliance.core.quality.judgement import Judgement, bounded, judge
-from appliance.core.quality.verification import Contradiction, VerificationStatus
-from appliance.limits import Limits
-from appliance.supervision.languages import translated_text
-from appliance.types import Check, Fault, Kind, PointError, Verdict, VerdictKind
+from probewatch.appliance.core.quality.judgement import Judgement, bounded, judge
+from probewatch.appliance.core.quality.verification import Contradiction, VerificationStatus
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.supervision.languages import translated_text
+from probewatch.appliance.types import Check, Fault, Kind, PointError, Verdict, VerdictKind
 
 OK, FAULT, NOT_VERIFIED = VerdictKind.OK, VerdictKind.FAULT, VerdictKind.NOT_VERIFIED
 SECOND_NS = 1_000_000_000

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from appliance.core.path.window import PathWindow
-from appliance.core.quality.evidence import Evidence
-from appliance.core.quality.judgement import judge
-from appliance.core.quality.undecided import undecided
-from appliance.limits import MOST_NAMED_NATS, NAMED_NATS, Limits
-from appliance.types import Check, Fault, Verdict, VerdictKind
-from drivers.errors import ConfigurationError
+from probewatch.appliance.core.path.window import PathWindow
+from probewatch.appliance.core.quality.evidence import Evidence
+from probewatch.appliance.core.quality.judgement import judge
+from probewatch.appliance.core.quality.undecided import undecided
+from probewatch.appliance.limits import MOST_NAMED_NATS, NAMED_NATS, Limits
+from probewatch.appliance.types import Check, Fault, Verdict, VerdictKind
+from probewatch.drivers.errors import ConfigurationError
 from tests.appliance.core.quality.test_undecided import accusation
 from tests.support.motions import TRUTH, tilting_path
 from tests.support.windows import filled

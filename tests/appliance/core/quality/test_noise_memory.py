@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from appliance.core.path.blocks import PARTS
-from appliance.core.path.noise import Noise
-from appliance.core.quality.noise_memory import NoiseMemory
+from probewatch.appliance.core.path.blocks import PARTS
+from probewatch.appliance.core.path.noise import Noise
+from probewatch.appliance.core.quality.noise_memory import NoiseMemory
 
 S = 1_000_000_000
 MOVED_MM, STILL_MM = 10.0, 1.5

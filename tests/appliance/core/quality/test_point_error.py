@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from appliance.core.quality.examination import Finding, examine, without
-from appliance.core.quality.point_error import (
+from probewatch.appliance.core.quality.examination import Finding, examine, without
+from probewatch.appliance.core.quality.point_error import (
     Change,
     Places,
     bounds_at,
@@ -15,10 +15,10 @@ from appliance.core.quality.point_error import (
     longest,
     slope_of_places,
 )
-from appliance.limits import Limits, Region
-from appliance.types import PARAMETERS
-from drivers.errors import ConfigurationError
-from drivers.rigid import Array, rotation_from_vector
+from probewatch.appliance.limits import Limits, Region
+from probewatch.appliance.types import PARAMETERS
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.drivers.rigid import Array, rotation_from_vector
 from tests.support.motions import TRUTH, tilting_path
 from tests.support.windows import filled
 

@@ -6,16 +6,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from appliance.core.parameters import LEFT_OUT
-from appliance.core.path.window import PathWindow
-from appliance.core.quality.evidence import Evidence
-from appliance.core.quality.examination import Finding, examine, examine_nothing
-from appliance.core.quality.point_error import Change, Places
-from appliance.core.quality.point_watch import Pace, PointWatch
-from appliance.core.quality.verification import Contradiction, VerificationStatus
-from appliance.limits import Limits
-from appliance.types import PARAMETERS, Check, PointError, VerdictKind
-from drivers.rigid import Array, inverse, rigid, rotation_from_vector
+from probewatch.appliance.core.parameters import LEFT_OUT
+from probewatch.appliance.core.path.window import PathWindow
+from probewatch.appliance.core.quality.evidence import Evidence
+from probewatch.appliance.core.quality.examination import Finding, examine, examine_nothing
+from probewatch.appliance.core.quality.point_error import Change, Places
+from probewatch.appliance.core.quality.point_watch import Pace, PointWatch
+from probewatch.appliance.core.quality.verification import Contradiction, VerificationStatus
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.types import PARAMETERS, Check, PointError, VerdictKind
+from probewatch.drivers.rigid import Array, inverse, rigid, rotation_from_vector
 from tests.support.motions import TRUTH, planar_path, tilting_path
 from tests.support.windows import filled
 

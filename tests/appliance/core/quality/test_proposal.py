@@ -6,13 +6,13 @@ from math import nan
 import numpy as np
 import pytest
 
-from appliance.core.parameters import MEASURED, QUANTITIES, class_of
-from appliance.core.quality.examination import examine
-from appliance.core.quality.proposal import Step, propose
-from appliance.limits import Limits
-from appliance.supervision.languages import translated_text
-from appliance.types import Check, Fault, VerdictKind
-from drivers.rigid import rotation_from_vector
+from probewatch.appliance.core.parameters import MEASURED, QUANTITIES, class_of
+from probewatch.appliance.core.quality.examination import examine
+from probewatch.appliance.core.quality.proposal import Step, propose
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.supervision.languages import translated_text
+from probewatch.appliance.types import Check, Fault, VerdictKind
+from probewatch.drivers.rigid import rotation_from_vector
 from tests.support.motions import TRUTH, planar_path, tilting_path
 from tests.support.windows import filled
 

@@ -2,12 +2,12 @@
 
 import pytest
 
-from appliance.core.path.tissue_compliance import TissueMotion
-from appliance.core.path.window import PathWindow
-from appliance.core.quality.evidence import Evidence
-from appliance.core.quality.resets import RESETS, Cause, Effect, State
-from appliance.limits import Limits
-from appliance.types import DRAGS, PRESSES
+from probewatch.appliance.core.path.tissue_compliance import TissueMotion
+from probewatch.appliance.core.path.window import PathWindow
+from probewatch.appliance.core.quality.evidence import Evidence
+from probewatch.appliance.core.quality.resets import RESETS, Cause, Effect, State
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.types import DRAGS, PRESSES
 from tests.support.motions import TRUTH, tilting_path
 from tests.support.windows import ORIGIN_NS, filled
 

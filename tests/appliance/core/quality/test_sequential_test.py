@@ -7,19 +7,19 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from appliance.core.path.blocks import PARTS, WALK, WHITE
-from appliance.core.path.noise import Noise
-from appliance.core.path.solver import Prior, solve
-from appliance.core.path.window import PathWindow
-from appliance.core.quality.bounded_fit import minimum
-from appliance.core.quality.judgement import judge
-from appliance.core.quality.sequential_test import Accusation, accuse
-from appliance.core.quality.stationary_time import StationaryTime
-from appliance.core.quality.verification import Verification
-from appliance.core.spread_work import run_to_end
-from appliance.limits import NAMED_NATS, Limits
-from appliance.types import Calibration, VerdictKind
-from drivers.rigid import Array, rigid, rotation_from_vector
+from probewatch.appliance.core.path.blocks import PARTS, WALK, WHITE
+from probewatch.appliance.core.path.noise import Noise
+from probewatch.appliance.core.path.solver import Prior, solve
+from probewatch.appliance.core.path.window import PathWindow
+from probewatch.appliance.core.quality.bounded_fit import minimum
+from probewatch.appliance.core.quality.judgement import judge
+from probewatch.appliance.core.quality.sequential_test import Accusation, accuse
+from probewatch.appliance.core.quality.stationary_time import StationaryTime
+from probewatch.appliance.core.quality.verification import Verification
+from probewatch.appliance.core.spread_work import run_to_end
+from probewatch.appliance.limits import NAMED_NATS, Limits
+from probewatch.appliance.types import Calibration, VerdictKind
+from probewatch.drivers.rigid import Array, rigid, rotation_from_vector
 from tests.support.motions import TRUTH, tilting_path
 from tests.support.windows import filled, motion
 

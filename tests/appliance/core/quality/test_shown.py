@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import pytest
 
-from appliance.core.quality.shown import Shown, shown
-from appliance.core.times import PRESENT_NS
-from appliance.types import Check, Fault, VerdictKind
+from probewatch.appliance.core.quality.shown import Shown, shown
+from probewatch.appliance.core.times import PRESENT_NS
+from probewatch.appliance.types import Check, Fault, VerdictKind
 
 S_NS = 1_000_000_000
 NOW_NS = 100 * S_NS

@@ -5,11 +5,11 @@ from dataclasses import replace
 
 import pytest
 
-from appliance.core.path.window import PathWindow
-from appliance.core.quality.evidence import Evidence
-from appliance.core.quality.examination import examine_nothing
-from appliance.limits import Limits
-from appliance.types import Check, Fault, VerdictKind
+from probewatch.appliance.core.path.window import PathWindow
+from probewatch.appliance.core.quality.evidence import Evidence
+from probewatch.appliance.core.quality.examination import examine_nothing
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.types import Check, Fault, VerdictKind
 from tests.support.motions import TRUTH, tilting_path
 from tests.support.windows import filled
 
@@ -103,7 +103,7 @@ def test_a_sign_from_elsewhere_drops_it(monkeypatch: pytest.MonkeyPatch) -> None
     evidence.begin(evidence.window.now_ns)
     evidence.go_on(0)
     flip = replace(flip, value=1.0, verdict=VerdictKind.FAULT)
-    monkeypatch.setattr("appliance.core.quality.evidence.obvious_flip", lambda *_: flip)
+    monkeypatch.setattr("probewatch.appliance.core.quality.evidence.obvious_flip", lambda *_: flip)
     evidence.check_obvious_flip()
     assert not evidence.under_way
     assert flip in evidence.checks()

@@ -5,12 +5,12 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from appliance.core.quality.stationary_time import StationaryTime
-from appliance.core.registration.keyframe import Registration
-from appliance.limits import Limits
-from appliance.types import Calibration
-from drivers.rigid import Array, inverse, rigid, rotation_from_vector
-from drivers.samples import Matrix4
+from probewatch.appliance.core.quality.stationary_time import StationaryTime
+from probewatch.appliance.core.registration.keyframe import Registration
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.types import Calibration
+from probewatch.drivers.rigid import Array, inverse, rigid, rotation_from_vector
+from probewatch.drivers.samples import Matrix4
 
 FPS = 30
 PERIOD_NS = round(1e9 / FPS)

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from appliance.core.quality.trend import Estimate, Trend, trend
+from probewatch.appliance.core.quality.trend import Estimate, Trend, trend
 
 EVERY_S = 300.0
 LIMIT = 5.0

@@ -6,13 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from appliance.core.path.window import PathWindow
-from appliance.core.quality.evidence import Evidence
-from appliance.core.quality.judgement import judge
-from appliance.core.quality.verification import VerificationStatus
-from appliance.limits import Limits
-from appliance.types import Calibration, Check, Fault, Verdict, VerdictKind
-from drivers.rigid import rotation_from_vector
+from probewatch.appliance.core.path.window import PathWindow
+from probewatch.appliance.core.quality.evidence import Evidence
+from probewatch.appliance.core.quality.judgement import judge
+from probewatch.appliance.core.quality.verification import VerificationStatus
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.types import Calibration, Check, Fault, Verdict, VerdictKind
+from probewatch.drivers.rigid import rotation_from_vector
 from tests.support.motions import TRUTH, tilting_path
 from tests.support.windows import filled
 

@@ -5,15 +5,15 @@ from copy import deepcopy
 
 import pytest
 
-from appliance.core.quality.evidence import Evidence
-from appliance.core.quality.judgement import Judgement, judge
-from appliance.core.quality.sequential_test import Accusation
-from appliance.core.quality.undecided import Choice, undecided
-from appliance.core.quality.verification import Contradiction, VerificationStatus
-from appliance.limits import NAMED_NATS, Limits
-from appliance.supervision.languages import translated_text
-from appliance.types import Check, Fault, Rival, VerdictKind
-from drivers.rigid import Array
+from probewatch.appliance.core.quality.evidence import Evidence
+from probewatch.appliance.core.quality.judgement import Judgement, judge
+from probewatch.appliance.core.quality.sequential_test import Accusation
+from probewatch.appliance.core.quality.undecided import Choice, undecided
+from probewatch.appliance.core.quality.verification import Contradiction, VerificationStatus
+from probewatch.appliance.limits import NAMED_NATS, Limits
+from probewatch.appliance.supervision.languages import translated_text
+from probewatch.appliance.types import Check, Fault, Rival, VerdictKind
+from probewatch.drivers.rigid import Array
 from tests.appliance.core.quality.test_sequential_test import SLID, in_step, in_turn
 from tests.support.motions import TRUTH, tilting_path
 from tests.support.windows import filled

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from appliance.core.quality.stationary_time import StationaryTime
-from appliance.core.quality.verification import Verification
-from appliance.limits import Limits, RequiredAges
-from appliance.types import PARAMETERS, Check, Fault, Rival, VerdictKind
+from probewatch.appliance.core.quality.stationary_time import StationaryTime
+from probewatch.appliance.core.quality.verification import Verification
+from probewatch.appliance.limits import Limits, RequiredAges
+from probewatch.appliance.types import PARAMETERS, Check, Fault, Rival, VerdictKind
 from tests.support.motions import TRUTH
 
 S = 1_000_000_000

@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 import pytest
 
-from appliance.core.registration.averaging import FrameAveraging
-from drivers.samples import GreyImage
+from probewatch.appliance.core.registration.averaging import FrameAveraging
+from probewatch.drivers.samples import GreyImage
 
 SHAPE = (180, 240)
 EVERYWHERE = np.ones(SHAPE, bool)

@@ -10,8 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from appliance.core.registration import compiled
-from appliance.core.registration.points import Fit, Picture, Template
+import probewatch
+from probewatch.appliance.core.registration import compiled
+from probewatch.appliance.core.registration.points import Fit, Picture, Template
 from tests.appliance.core.registration.test_points import askew, points, some, speckle
 
 CORE = Path(compiled.__file__).parent
@@ -40,11 +41,12 @@ def test_a_library_that_is_not_of_this_source_says_what_to_do(
     tmp_path: Path, file: str, right: str, wrong: str, why: str
 ) -> None:
     for package in (CORE.parents[1], CORE.parents[2] / "drivers"):
-        shutil.copytree(package, tmp_path / package.name, ignore=shutil.ignore_patterns("__pycache__"))
-    source = tmp_path / "appliance/core/registration" / file
+        shutil.copytree(package, tmp_path / "probewatch" / package.name, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copy(probewatch.__file__, tmp_path / "probewatch")
+    source = tmp_path / "probewatch/appliance/core/registration" / file
     assert right in source.read_text()
     source.write_text(source.read_text().replace(right, wrong))
-    command = [sys.executable, "-c", "import appliance.core.registration.points"]
+    command = [sys.executable, "-c", "import probewatch.appliance.core.registration.points"]
     said = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False).stderr.splitlines()[-1]
     assert said.startswith("ImportError: the compiled core")
     assert why in said

@@ -6,11 +6,11 @@ import cv2
 import numpy as np
 import pytest
 
-from appliance.core.registration.overlay import OverlayMask
-from appliance.core.registration.pyramid import pyramid
-from appliance.core.registration.realtime_tracker import RealTimeTracker
-from drivers.samples import GreyImage
-from drivers.twins.scene.world import World
+from probewatch.appliance.core.registration.overlay import OverlayMask
+from probewatch.appliance.core.registration.pyramid import pyramid
+from probewatch.appliance.core.registration.realtime_tracker import RealTimeTracker
+from probewatch.drivers.samples import GreyImage
+from probewatch.drivers.twins.scene.world import World
 from tests.paper import sweeps
 from tests.support.rendered import SMALL, sweep, world
 

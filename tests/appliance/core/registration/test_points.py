@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import map_coordinates
 
-from appliance.core.registration.points import Fit, Picture, Template
-from appliance.core.registration.pyramid import pyramid
+from probewatch.appliance.core.registration.points import Fit, Picture, Template
+from probewatch.appliance.core.registration.pyramid import pyramid
 from tests.support.deformed import faded
 
 TUKEY, LEAST_SCALE, CELLS, NINTHS, TOGETHER = 6.0, 18.0, 48, 9.0, 8.0

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from appliance.core.registration.keyframe import compose
-from appliance.core.registration.realtime_tracker import RealTimeTracker, Tracked
-from drivers.samples import Matrix4
-from drivers.twins.scene.world import World
+from probewatch.appliance.core.registration.keyframe import compose
+from probewatch.appliance.core.registration.realtime_tracker import RealTimeTracker, Tracked
+from probewatch.drivers.samples import Matrix4
+from probewatch.drivers.twins.scene.world import World
 from tests.support.motions import TRUTH, picture_path
 from tests.support.rendered import SMALL, Warp, aspect, moved, rms_px, sweep, true_motion, world
 

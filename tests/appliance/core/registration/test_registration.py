@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from appliance.core.registration.keyframe import Keyframe, compose, warp_matrix
-from appliance.core.registration.pyramid import pyramid
-from appliance.core.registration.realtime_tracker import RealTimeTracker, acceptable
-from drivers.twins.scene.world import World
+from probewatch.appliance.core.registration.keyframe import Keyframe, compose, warp_matrix
+from probewatch.appliance.core.registration.pyramid import pyramid
+from probewatch.appliance.core.registration.realtime_tracker import RealTimeTracker, acceptable
+from probewatch.drivers.twins.scene.world import World
 from tests.support.rendered import (
     FULL,
     SMALL,

@@ -4,11 +4,11 @@ import cv2
 import numpy as np
 import pytest
 
-from appliance.core.registration.keyframe import Keyframe
-from appliance.core.registration.pyramid import pyramid
-from appliance.core.registration.shadow import Shadows
-from drivers.rigid import Array
-from drivers.samples import GreyImage
+from probewatch.appliance.core.registration.keyframe import Keyframe
+from probewatch.appliance.core.registration.pyramid import pyramid
+from probewatch.appliance.core.registration.shadow import Shadows
+from probewatch.drivers.rigid import Array
+from probewatch.drivers.samples import GreyImage
 
 HEIGHT, WIDTH = 300, 400
 COLUMNS, ROWS = np.meshgrid(np.arange(WIDTH), np.arange(HEIGHT))

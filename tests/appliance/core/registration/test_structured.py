@@ -13,9 +13,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from appliance.core.registration import points
-from appliance.core.registration.points import Fit, Picture, Template
-from appliance.core.registration.template import template
+from probewatch.appliance.core.registration import points
+from probewatch.appliance.core.registration.points import Fit, Picture, Template
+from probewatch.appliance.core.registration.template import template
 
 INT32 = st.integers(-(2**31), 2**31 - 1)
 EXTREME = st.sampled_from([-(2**31), -1, 0, 1, 2, 3, 32767, 32768, 8388608, 2**31 - 1])

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from appliance.core.registration.keyframe import Keyframe, Reading, Registration
-from appliance.core.registration.pyramid import pyramid
-from appliance.core.registration.realtime_tracker import RealTimeTracker, acceptable
-from appliance.types import DRAGS, PRESSES
-from drivers.rigid import Array
-from drivers.samples import GreyImage
-from drivers.twins.scene.world import WorldSettings
+from probewatch.appliance.core.registration.keyframe import Keyframe, Reading, Registration
+from probewatch.appliance.core.registration.pyramid import pyramid
+from probewatch.appliance.core.registration.realtime_tracker import RealTimeTracker, acceptable
+from probewatch.appliance.types import DRAGS, PRESSES
+from probewatch.drivers.rigid import Array
+from probewatch.drivers.samples import GreyImage
+from probewatch.drivers.twins.scene.world import WorldSettings
 from tests.support.deformed import deformed, displacement, faded, field_of
 from tests.support.rendered import FULL, SMALL, aspect, moved, world
 

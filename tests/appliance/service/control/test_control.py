@@ -14,9 +14,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from appliance.service.control.client import ControlClient
-from appliance.service.control.server import ControlRefused, ControlServer, Peer
-from drivers.errors import ConfigurationError, DeviceLost
+from probewatch.appliance.service.control.client import ControlClient
+from probewatch.appliance.service.control.server import ControlRefused, ControlServer, Peer
+from probewatch.drivers.errors import ConfigurationError, DeviceLost
 
 
 class Service:

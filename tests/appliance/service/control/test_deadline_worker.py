@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from appliance.service.control.deadline_worker import DeadlineWorker
-from appliance.service.control.server import ControlRefused
-from drivers.errors import ConfigurationError
+from probewatch.appliance.service.control.deadline_worker import DeadlineWorker
+from probewatch.appliance.service.control.server import ControlRefused
+from probewatch.drivers.errors import ConfigurationError
 from tests.support.polling import until
 from tests.support.stopwatch import Stopwatch
 

@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from appliance.service.control.estimate_notes import EstimateNotes
-from appliance.service.control.event_log import EventLog
-from appliance.service.host.recorder import Recorder
-from appliance.storage.alarm_chain import Event, read_log
-from appliance.storage.reference import Reference
-from appliance.types import AlarmState, Check, Fault, State, Verdict, VerdictKind
-from drivers.clock.host_clock import HostClock
+from probewatch.appliance.service.control.estimate_notes import EstimateNotes
+from probewatch.appliance.service.control.event_log import EventLog
+from probewatch.appliance.service.host.recorder import Recorder
+from probewatch.appliance.storage.alarm_chain import Event, read_log
+from probewatch.appliance.storage.reference import Reference
+from probewatch.appliance.types import AlarmState, Check, Fault, State, Verdict, VerdictKind
+from probewatch.drivers.clock.host_clock import HostClock
 from tests.support.polling import until
 from tests.support.stores import first_reference, log
 

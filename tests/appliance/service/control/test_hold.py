@@ -6,10 +6,10 @@ from typing import Any
 
 import pytest
 
-from appliance.service.control.client import ControlClient
-from appliance.service.control.hold import LONGEST_S, SHORTEST_S, Hold, hold_s_of
-from appliance.service.control.server import ControlRefused, ControlServer, Peer
-from drivers.errors import DeviceLost
+from probewatch.appliance.service.control.client import ControlClient
+from probewatch.appliance.service.control.hold import LONGEST_S, SHORTEST_S, Hold, hold_s_of
+from probewatch.appliance.service.control.server import ControlRefused, ControlServer, Peer
+from probewatch.drivers.errors import DeviceLost
 from tests.support.polling import until
 
 HELD, OTHER = Peer(7, 1000, 1), Peer(8, 1000, 2)

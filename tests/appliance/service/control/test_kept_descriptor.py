@@ -7,7 +7,7 @@ import socket
 import threading
 from pathlib import Path
 
-from appliance.service.control.server import ControlServer
+from probewatch.appliance.service.control.server import ControlServer
 from tests.appliance.service.control.test_control import answered_at
 
 

@@ -5,16 +5,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from appliance.core.estimator_settings import EstimatorSettings
-from appliance.core.exact_fields import settings_fields, settings_of
-from appliance.limits import Limits
-from appliance.service.control.references import References
-from appliance.service.estimator.link import EstimatorReport
-from appliance.service.estimator.process_host import EstimatorHost
-from appliance.storage.reference_store import FOLDER, HISTORY
-from appliance.types import Calibration
-from drivers.rigid import rigid, rotation_from_vector
-from drivers.samples import Matrix4
+from probewatch.appliance.core.estimator_settings import EstimatorSettings
+from probewatch.appliance.core.exact_fields import settings_fields, settings_of
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.service.control.references import References
+from probewatch.appliance.service.estimator.link import EstimatorReport
+from probewatch.appliance.service.estimator.process_host import EstimatorHost
+from probewatch.appliance.storage.reference_store import FOLDER, HISTORY
+from probewatch.appliance.types import Calibration
+from probewatch.drivers.rigid import rigid, rotation_from_vector
+from probewatch.drivers.samples import Matrix4
 from tests.appliance.service.test_daemon import moved
 from tests.support.polling import until
 from tests.support.simulated_cart import SimulatedCart

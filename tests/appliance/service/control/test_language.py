@@ -2,11 +2,11 @@
 
 import re
 
-from appliance.core.quality.gesture import Gesture
-from appliance.service.control.status import alarm_fields
-from appliance.service.control.status_fields import STATUS
-from appliance.supervision.alarms import HAZARDS
-from appliance.types import AlarmState, State
+from probewatch.appliance.core.quality.gesture import Gesture
+from probewatch.appliance.service.control.status import alarm_fields
+from probewatch.appliance.service.control.status_fields import STATUS
+from probewatch.appliance.supervision.alarms import HAZARDS
+from probewatch.appliance.types import AlarmState, State
 
 
 def test_the_field_of_the_language_names_all_that_is_in_it() -> None:

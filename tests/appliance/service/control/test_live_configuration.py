@@ -8,18 +8,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from appliance.limits import Limits
-from appliance.service.control.deadline_worker import DeadlineWorker
-from appliance.service.control.event_log import EventLog
-from appliance.service.control.live_configuration import LiveConfiguration
-from appliance.service.control.server import ControlRefused
-from appliance.service.estimator.process_host import EstimatorHost
-from appliance.service.host.recorder import Recorder
-from appliance.storage.alarm_chain import read_log
-from appliance.supervision.supervisor import TICK_NS, Inputs, Supervisor
-from appliance.types import State, Verdict, VerdictKind
-from drivers.clock.host_clock import HostClock
-from drivers.samples import Frame, Stamp
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.service.control.deadline_worker import DeadlineWorker
+from probewatch.appliance.service.control.event_log import EventLog
+from probewatch.appliance.service.control.live_configuration import LiveConfiguration
+from probewatch.appliance.service.control.server import ControlRefused
+from probewatch.appliance.service.estimator.process_host import EstimatorHost
+from probewatch.appliance.service.host.recorder import Recorder
+from probewatch.appliance.storage.alarm_chain import read_log
+from probewatch.appliance.supervision.supervisor import TICK_NS, Inputs, Supervisor
+from probewatch.appliance.types import State, Verdict, VerdictKind
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.samples import Frame, Stamp
 from tests.support import stand_in_estimator as stand_in
 from tests.support import stores
 from tests.support.polling import until

@@ -6,17 +6,17 @@ from typing import cast
 
 import pytest
 
-from appliance.configuration.config import load_config
-from appliance.limits import Limits
-from appliance.service.control.deadline_worker import DeadlineWorker
-from appliance.service.control.recalibration import Recalibration, Wanted
-from appliance.service.control.references import References
-from appliance.service.control.server import ControlRefused
-from appliance.service.estimator.process_host import EstimatorHost
-from appliance.supervision.supervisor import Durations, Inputs, Request, Supervisor
-from appliance.types import PARAMETERS, Calibration, Check, Fault, State, Verdict, VerdictKind
-from drivers.errors import ConfigurationError
-from drivers.samples import Matrix4
+from probewatch.appliance.configuration.config import load_config
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.service.control.deadline_worker import DeadlineWorker
+from probewatch.appliance.service.control.recalibration import Recalibration, Wanted
+from probewatch.appliance.service.control.references import References
+from probewatch.appliance.service.control.server import ControlRefused
+from probewatch.appliance.service.estimator.process_host import EstimatorHost
+from probewatch.appliance.supervision.supervisor import Durations, Inputs, Request, Supervisor
+from probewatch.appliance.types import PARAMETERS, Calibration, Check, Fault, State, Verdict, VerdictKind
+from probewatch.drivers.errors import ConfigurationError
+from probewatch.drivers.samples import Matrix4
 from tests.support.polling import until
 from tests.support.stores import configuration, kept, log, settled, started, written
 

@@ -11,13 +11,13 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from appliance.service.control.refusal import leave, why_silent, withdraw
-from appliance.service.control.server import ControlServer
-from drivers.errors import ConfigurationError, ProbewatchError
+from probewatch.appliance.service.control.refusal import leave, why_silent, withdraw
+from probewatch.appliance.service.control.server import ControlServer
+from probewatch.drivers.errors import ConfigurationError, ProbewatchError
+from probewatch.tools.commands import ack, log, status
 from tests.support.answers import answered
 from tests.support.polling import until
 from tests.support.simulated import PROBEWATCH
-from tools.commands import ack, log, status
 
 CONFIG = """
 configured = {configured}

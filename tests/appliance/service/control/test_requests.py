@@ -8,17 +8,17 @@ from typing import Any, cast
 
 import pytest
 
-from appliance.service.control.allowance import BURST
-from appliance.service.control.deadline_worker import DeadlineWorker
-from appliance.service.control.hold import Hold
-from appliance.service.control.recalibration import Recalibration, Wanted
-from appliance.service.control.requests import Requests, ServiceActions
-from appliance.service.control.rights import user_ids
-from appliance.service.control.server import ControlRefused, Peer
-from appliance.storage.alarm_log import ENTRIES_A_SEGMENT, SEGMENTS_KEPT
-from appliance.supervision.annunciator import Annunciator
-from appliance.supervision.supervisor import Request
-from appliance.types import AlarmState, Fault, State
+from probewatch.appliance.service.control.allowance import BURST
+from probewatch.appliance.service.control.deadline_worker import DeadlineWorker
+from probewatch.appliance.service.control.hold import Hold
+from probewatch.appliance.service.control.recalibration import Recalibration, Wanted
+from probewatch.appliance.service.control.requests import Requests, ServiceActions
+from probewatch.appliance.service.control.rights import user_ids
+from probewatch.appliance.service.control.server import ControlRefused, Peer
+from probewatch.appliance.storage.alarm_log import ENTRIES_A_SEGMENT, SEGMENTS_KEPT
+from probewatch.appliance.supervision.annunciator import Annunciator
+from probewatch.appliance.supervision.supervisor import Request
+from probewatch.appliance.types import AlarmState, Fault, State
 
 ANNA = Peer(pid=7, uid=0)
 VIEWER = Peer(pid=9, uid=4_000_001)

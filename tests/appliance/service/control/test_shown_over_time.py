@@ -7,18 +7,18 @@ from typing import Any
 
 import pytest
 
-from appliance.core.line import Line
-from appliance.core.quality.shown import Shown
-from appliance.core.times import PRESENT_NS
-from appliance.limits import Limits, RequiredAges
-from appliance.service.control.status import ages_at_rest, alarm_fields, check_lists, shown_of_each
-from appliance.supervision.supervisor import TICK_NS, Durations, Inputs, Supervisor
-from appliance.supervision.watchers.device_health import DeviceHealth, Timeouts
-from appliance.supervision.watchers.devices import watch_devices
-from appliance.types import State, Verdict, VerdictKind
-from drivers.samples import Frame, Matrix4, Pose, PoseStatus, Sample
-from drivers.twins.scene.trajectory import Trajectory
-from drivers.twins.scene.world import World
+from probewatch.appliance.core.line import Line
+from probewatch.appliance.core.quality.shown import Shown
+from probewatch.appliance.core.times import PRESENT_NS
+from probewatch.appliance.limits import Limits, RequiredAges
+from probewatch.appliance.service.control.status import ages_at_rest, alarm_fields, check_lists, shown_of_each
+from probewatch.appliance.supervision.supervisor import TICK_NS, Durations, Inputs, Supervisor
+from probewatch.appliance.supervision.watchers.device_health import DeviceHealth, Timeouts
+from probewatch.appliance.supervision.watchers.devices import watch_devices
+from probewatch.appliance.types import State, Verdict, VerdictKind
+from probewatch.drivers.samples import Frame, Matrix4, Pose, PoseStatus, Sample
+from probewatch.drivers.twins.scene.trajectory import Trajectory
+from probewatch.drivers.twins.scene.world import World
 from tests.appliance.core.test_line import SMALL, truth
 from tests.support.sessions import ORIGIN_NS, KeptWorld, session
 

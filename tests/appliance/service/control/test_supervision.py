@@ -2,8 +2,8 @@
 
 import pytest
 
-from appliance.service.control.supervision import Supervision
-from appliance.types import AlarmState, Fault, State
+from probewatch.appliance.service.control.supervision import Supervision
+from probewatch.appliance.types import AlarmState, Fault, State
 
 
 def alarm(fault: Fault | None, *notices: Fault, state: State = State.WARNING) -> AlarmState:

@@ -15,16 +15,16 @@ import numpy as np
 import pytest
 import structlog
 
-from appliance.service.devices.backoff import Backoff
-from appliance.service.devices.output_thread import OutputThread
-from appliance.service.devices.rate_meter import RateMeter
-from appliance.service.devices.source_thread import CaptureThread, TrackerThread
-from appliance.service.host.log import configure, get_log
-from appliance.supervision.annunciator import Role
-from drivers.clock.host_clock import HostClock
-from drivers.device_api import Description
-from drivers.errors import ConfigurationError, DeviceLost, ProtocolError
-from drivers.samples import Frame, MarkerBody, Pose, PoseStatus, Sample, Stamp
+from probewatch.appliance.service.devices.backoff import Backoff
+from probewatch.appliance.service.devices.output_thread import OutputThread
+from probewatch.appliance.service.devices.rate_meter import RateMeter
+from probewatch.appliance.service.devices.source_thread import CaptureThread, TrackerThread
+from probewatch.appliance.service.host.log import configure, get_log
+from probewatch.appliance.supervision.annunciator import Role
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.device_api import Description
+from probewatch.drivers.errors import ConfigurationError, DeviceLost, ProtocolError
+from probewatch.drivers.samples import Frame, MarkerBody, Pose, PoseStatus, Sample, Stamp
 from tests.support.polling import until
 from tests.support.stopwatch import Stopwatch
 

@@ -17,12 +17,12 @@ import numpy as np
 import psutil
 import pytest
 
-from appliance.limits import Limits
-from appliance.service.estimator.link import EstimatorReport
-from appliance.service.estimator.process_host import EstimatorHost
-from appliance.service.host.log import configure
-from appliance.types import Calibration, Verdict, VerdictKind
-from drivers.samples import Frame, Pose, PoseStatus, Stamp
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.service.estimator.link import EstimatorReport
+from probewatch.appliance.service.estimator.process_host import EstimatorHost
+from probewatch.appliance.service.host.log import configure
+from probewatch.appliance.types import Calibration, Verdict, VerdictKind
+from probewatch.drivers.samples import Frame, Pose, PoseStatus, Stamp
 from tests.support import stand_in_estimator as stand_in
 from tests.support.polling import until
 from tests.support.stopwatch import Stopwatch
@@ -232,8 +232,8 @@ def test_one_that_no_signal_reaches_holds_up_no_poll_and_is_reaped_later(
 def test_it_dies_with_its_parent(tmp_path: Path) -> None:
     program = """
         import sys, time
-        from appliance.limits import Limits
-        from appliance.service.estimator.process_host import EstimatorHost
+        from probewatch.appliance.limits import Limits
+        from probewatch.appliance.service.estimator.process_host import EstimatorHost
         from tests.appliance.service.estimator.test_process_host import COMMAND, reference
         host = EstimatorHost(reference(), Limits(), 500_000_000, COMMAND)
         while not host.poll()[0]:

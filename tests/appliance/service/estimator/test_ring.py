@@ -13,15 +13,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from appliance.service.estimator.ring import FRAMES, POSES, Ring, RingFds, Shape
-from drivers.samples import Frame, Pose, PoseStatus, Sample, Stamp
+from probewatch.appliance.service.estimator.ring import FRAMES, POSES, Ring, RingFds, Shape
+from probewatch.drivers.samples import Frame, Pose, PoseStatus, Sample, Stamp
 
 SMALL = Shape(slots=4, payload_bytes=64 * 48 + 64)
 PRODUCER = """
 import sys, time
 import numpy as np
-from appliance.service.estimator.ring import Ring, RingFds, Shape
-from drivers.samples import Frame, Stamp
+from probewatch.appliance.service.estimator.ring import Ring, RingFds, Shape
+from probewatch.drivers.samples import Frame, Stamp
 ring = Ring(Shape(slots=4, payload_bytes=64 * 48 + 64), RingFds(*map(int, sys.argv[2:])))
 print("ready", flush=True)
 for sequence in range(int(sys.argv[1])):
@@ -33,8 +33,8 @@ HALF = Shape(slots=4, payload_bytes=64 + 128 * 128)
 DIES_AMID_A_FRAME = """
 import os, sys
 import numpy as np
-from appliance.service.estimator.ring import Ring, RingFds, Shape
-from drivers.samples import Frame, Stamp
+from probewatch.appliance.service.estimator.ring import Ring, RingFds, Shape
+from probewatch.drivers.samples import Frame, Stamp
 ring = Ring(Shape(slots=4, payload_bytes=64 + 128 * 128), RingFds(*map(int, sys.argv[3:])))
 for sequence in range(int(sys.argv[1])):
     ring.put(Frame(Stamp(sequence, 0), sequence, np.full((128, 128), sequence + 1, np.uint8)))

@@ -15,22 +15,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from appliance.core.line import Line
-from appliance.limits import Limits
-from appliance.service.estimator.process_host import EstimatorHost
-from appliance.service.feed.message import FeedMessage, Judged, LineStarted, Lost, Taken, unpacked
-from appliance.service.feed.process_host import FeedHost
-from appliance.service.feed.request import FeedRequest
-from appliance.service.feed.server import MOST_CLIENTS, MOST_UNSENT, reduced
-from appliance.storage.image_to_probe import calibration_from_image_to_probe
-from appliance.types import Calibration, Verdict
-from drivers.errors import DeviceLost
-from drivers.samples import Frame, Pose, PoseStatus, Sample, Stamp
-from drivers.twins.scene.world import World, WorldSettings
+from probewatch.appliance.core.line import Line
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.service.estimator.process_host import EstimatorHost
+from probewatch.appliance.service.feed.message import FeedMessage, Judged, LineStarted, Lost, Taken, unpacked
+from probewatch.appliance.service.feed.process_host import FeedHost
+from probewatch.appliance.service.feed.request import FeedRequest
+from probewatch.appliance.service.feed.server import MOST_CLIENTS, MOST_UNSENT, reduced
+from probewatch.appliance.storage.image_to_probe import calibration_from_image_to_probe
+from probewatch.appliance.types import Calibration, Verdict
+from probewatch.drivers.errors import DeviceLost
+from probewatch.drivers.samples import Frame, Pose, PoseStatus, Sample, Stamp
+from probewatch.drivers.twins.scene.world import World, WorldSettings
+from probewatch.tools.shared.feed import Feed
 from tests.support import stand_in_estimator as stand_in
 from tests.support.polling import until
 from tests.support.stopwatch import Stopwatch
-from tools.shared.feed import Feed
 
 STAND_IN = (sys.executable, "-m", "tests.support.stand_in_estimator")
 SIZE_PX = (240, 180)

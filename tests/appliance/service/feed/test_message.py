@@ -10,14 +10,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from appliance.core.estimator_settings import EstimatorSettings
-from appliance.limits import Limits
-from appliance.service.feed import message
-from appliance.service.feed.message import HEAD_BYTES, Judged, LineStarted, Lost, Taken, lengths, unpacked
-from appliance.service.feed.request import FeedRequest, request_of
-from appliance.types import Calibration, Check, Fault, Verdict, VerdictKind
-from drivers.errors import ProtocolError
-from drivers.samples import Frame, Pose, PoseStatus, Stamp
+from probewatch.appliance.core.estimator_settings import EstimatorSettings
+from probewatch.appliance.limits import Limits
+from probewatch.appliance.service.feed import message
+from probewatch.appliance.service.feed.message import HEAD_BYTES, Judged, LineStarted, Lost, Taken, lengths, unpacked
+from probewatch.appliance.service.feed.request import FeedRequest, request_of
+from probewatch.appliance.types import Calibration, Check, Fault, Verdict, VerdictKind
+from probewatch.drivers.errors import ProtocolError
+from probewatch.drivers.samples import Frame, Pose, PoseStatus, Stamp
 
 ANY = st.floats(width=64)
 NS = st.integers(-(2**62), 2**62)

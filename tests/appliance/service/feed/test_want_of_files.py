@@ -3,7 +3,7 @@
 import resource
 from pathlib import Path
 
-from appliance.service.feed.process_host import FeedHost
+from probewatch.appliance.service.feed.process_host import FeedHost
 from tests.support.descriptors import leaves_nothing_open, open_files
 
 

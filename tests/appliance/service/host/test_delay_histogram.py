@@ -3,8 +3,8 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from appliance.service.host.delay_histogram import DelayHistogram
-from appliance.service.host.tick_meter import TickMeter
+from probewatch.appliance.service.host.delay_histogram import DelayHistogram
+from probewatch.appliance.service.host.tick_meter import TickMeter
 
 
 def test_a_bound_belongs_to_the_count_below_it() -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from appliance.service.host.journal import JournalStream, journal_entry, journal_stream
+from probewatch.appliance.service.host.journal import JournalStream, journal_entry, journal_stream
 
 
 def parsed(datagram: bytes) -> dict[str, str]:

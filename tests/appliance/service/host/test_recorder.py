@@ -18,18 +18,18 @@ from pathlib import Path
 import pytest
 import structlog
 
-from appliance.configuration.config import Config
-from appliance.service.control.supervision import supervisor_after
-from appliance.service.host import recorder as room
-from appliance.service.host.log import configure
-from appliance.service.host.own_files import own_files
-from appliance.service.host.recorder import Recorder
-from appliance.storage.alarm_chain import MEMORY, Event, Latch
-from appliance.storage.alarm_log import AlarmLog
-from appliance.supervision.supervisor import Inputs
-from appliance.types import State
-from drivers.clock.host_clock import HostClock
-from drivers.errors import DeviceLost
+from probewatch.appliance.configuration.config import Config
+from probewatch.appliance.service.control.supervision import supervisor_after
+from probewatch.appliance.service.host import recorder as room
+from probewatch.appliance.service.host.log import configure
+from probewatch.appliance.service.host.own_files import own_files
+from probewatch.appliance.service.host.recorder import Recorder
+from probewatch.appliance.storage.alarm_chain import MEMORY, Event, Latch
+from probewatch.appliance.storage.alarm_log import AlarmLog
+from probewatch.appliance.supervision.supervisor import Inputs
+from probewatch.appliance.types import State
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.errors import DeviceLost
 from tests.support.polling import until
 from tests.support.stopwatch import Stopwatch
 

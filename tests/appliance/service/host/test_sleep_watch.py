@@ -2,7 +2,7 @@
 
 import pytest
 
-from appliance.service.host.sleep_watch import SleepWatch, slept_ns
+from probewatch.appliance.service.host.sleep_watch import SleepWatch, slept_ns
 
 MS_NS = 1_000_000
 HOUR_NS = 3_600_000_000_000

@@ -2,7 +2,7 @@
 
 import pytest
 
-from appliance.service.host.wall_clock import WallClock
+from probewatch.appliance.service.host.wall_clock import WallClock
 
 BEGAN_NS = 1_700_000_000_000_000_000
 TICK_NS = 50_000_000

@@ -11,12 +11,12 @@ from pathlib import Path
 import pytest
 import serial
 
-from drivers.samples import PoseStatus
-from drivers.trackers.ndi.wire import Command, encode_command
-from drivers.twins.ndi.combined_api import Mode
-from drivers.twins.ndi.models import AURORA, MODELS, SPECTRA, VEGA, Model
-from drivers.twins.pty_line import PtyLine
-from drivers.twins.tcp_line import TcpLine
+from probewatch.drivers.samples import PoseStatus
+from probewatch.drivers.trackers.ndi.wire import Command, encode_command
+from probewatch.drivers.twins.ndi.combined_api import Mode
+from probewatch.drivers.twins.ndi.models import AURORA, MODELS, SPECTRA, VEGA, Model
+from probewatch.drivers.twins.pty_line import PtyLine
+from probewatch.drivers.twins.tcp_line import TcpLine
 from tests.support.polling import until as wait_until
 from tests.support.simulated_ndi import Bench, bench, until
 

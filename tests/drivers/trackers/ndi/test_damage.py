@@ -8,19 +8,19 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from drivers.errors import ProtocolError
-from drivers.samples import Matrix4
-from drivers.trackers.ndi.bx import encode_bx
-from drivers.trackers.ndi.bx2 import encode_bx2
-from drivers.trackers.ndi.identity import ReplyKind
-from drivers.trackers.ndi.outlier_gate import OutlierGate, turn_rad
-from drivers.trackers.ndi.readings import dialect
-from drivers.trackers.ndi.replies import Transform
-from drivers.trackers.ndi.tx import encode_tx
-from drivers.trackers.ndi.wire import EXTENDED_START, reply_length
-from drivers.twins.ndi.measurement import measure
-from drivers.twins.ndi.tool_definitions import MARKERS_MM
-from drivers.twins.ndi.tracking_replies import bx2_frame, bx2_options, tracking_reply
+from probewatch.drivers.errors import ProtocolError
+from probewatch.drivers.samples import Matrix4
+from probewatch.drivers.trackers.ndi.bx import encode_bx
+from probewatch.drivers.trackers.ndi.bx2 import encode_bx2
+from probewatch.drivers.trackers.ndi.identity import ReplyKind
+from probewatch.drivers.trackers.ndi.outlier_gate import OutlierGate, turn_rad
+from probewatch.drivers.trackers.ndi.readings import dialect
+from probewatch.drivers.trackers.ndi.replies import Transform
+from probewatch.drivers.trackers.ndi.tx import encode_tx
+from probewatch.drivers.trackers.ndi.wire import EXTENDED_START, reply_length
+from probewatch.drivers.twins.ndi.measurement import measure
+from probewatch.drivers.twins.ndi.tool_definitions import MARKERS_MM
+from probewatch.drivers.twins.ndi.tracking_replies import bx2_frame, bx2_options, tracking_reply
 
 PERIOD_NS = 16_666_667
 LEAP_MM, LEAP_RAD = 2.5, math.radians(2.0)

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.errors import DeviceLost
-from drivers.twins.faults import Episode, Schedule
+from probewatch.drivers.errors import DeviceLost
+from probewatch.drivers.twins.faults import Episode, Schedule
 from tests.support.simulated_ndi import bench, moving, poses
 from tests.support.stopwatch import Stopwatch
 

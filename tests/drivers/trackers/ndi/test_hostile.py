@@ -5,9 +5,9 @@ from collections import Counter
 
 import pytest
 
-from drivers.errors import ConfigurationError, DeviceLost, ProtocolError
-from drivers.trackers.ndi.wire import CR, EXTENDED_START, PLAIN_START, encode_container, encode_text
-from drivers.twins.ndi.models import AURORA, SPECTRA, VEGA, Model
+from probewatch.drivers.errors import ConfigurationError, DeviceLost, ProtocolError
+from probewatch.drivers.trackers.ndi.wire import CR, EXTENDED_START, PLAIN_START, encode_container, encode_text
+from probewatch.drivers.twins.ndi.models import AURORA, SPECTRA, VEGA, Model
 from tests.support.simulated_ndi import Bench, bench
 from tests.support.stopwatch import Stopwatch
 

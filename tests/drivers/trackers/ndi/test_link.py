@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from drivers.clock.host_clock import HostClock
-from drivers.trackers.ndi.link import Link, SilentError
-from drivers.trackers.ndi.transport import SerialLine
-from drivers.trackers.ndi.wire import encode_text
-from drivers.twins.pty_line import PtyLine
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.trackers.ndi.link import Link, SilentError
+from probewatch.drivers.trackers.ndi.transport import SerialLine
+from probewatch.drivers.trackers.ndi.wire import encode_text
+from probewatch.drivers.twins.pty_line import PtyLine
 from tests.support.polling import until
 
 CLOCK = HostClock()

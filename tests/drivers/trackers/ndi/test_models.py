@@ -5,14 +5,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drivers.errors import ConfigurationError, DeviceLost
-from drivers.samples import PoseStatus
-from drivers.trackers.ndi.identity import ReplyKind, identity_of
-from drivers.trackers.ndi.tools import parse_information, parse_requested_tool
-from drivers.trackers.ndi.wire import Command, encode_command
-from drivers.twins.ndi.combined_api import BUMPED, PTP_LOST, TOO_HOT
-from drivers.twins.ndi.models import AURORA, MODELS, SPECTRA, VEGA, VICRA, Model
-from drivers.twins.ndi.tool_definitions import REFERENCE
+from probewatch.drivers.errors import ConfigurationError, DeviceLost
+from probewatch.drivers.samples import PoseStatus
+from probewatch.drivers.trackers.ndi.identity import ReplyKind, identity_of
+from probewatch.drivers.trackers.ndi.tools import parse_information, parse_requested_tool
+from probewatch.drivers.trackers.ndi.wire import Command, encode_command
+from probewatch.drivers.twins.ndi.combined_api import BUMPED, PTP_LOST, TOO_HOT
+from probewatch.drivers.twins.ndi.models import AURORA, MODELS, SPECTRA, VEGA, VICRA, Model
+from probewatch.drivers.twins.ndi.tool_definitions import REFERENCE
 from tests.support.simulated_ndi import bench, poses, until
 from tests.support.stopwatch import Stopwatch
 

@@ -6,8 +6,8 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.trackers.ndi.bx import decode_bx, encode_bx
-from drivers.trackers.ndi.replies import (
+from probewatch.drivers.trackers.ndi.bx import decode_bx, encode_bx
+from probewatch.drivers.trackers.ndi.replies import (
     ActiveStray,
     HandleState,
     Markers,
@@ -17,8 +17,8 @@ from drivers.trackers.ndi.replies import (
     TrackingReply,
     Transform,
 )
-from drivers.trackers.ndi.tx import decode_tx, encode_tx
-from drivers.trackers.ndi.wire import (
+from probewatch.drivers.trackers.ndi.tx import decode_tx, encode_tx
+from probewatch.drivers.trackers.ndi.wire import (
     decode_text,
     encode_text,
 )

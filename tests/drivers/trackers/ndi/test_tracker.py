@@ -13,16 +13,16 @@ from statistics import median
 import numpy as np
 import pytest
 
-from drivers.clock.host_clock import HostClock
-from drivers.errors import ConfigurationError, DeviceLost
-from drivers.rigid import rigid, rotation_from_vector
-from drivers.samples import Matrix4, PoseStatus
-from drivers.trackers.ndi.pose_status import status_of_system, status_of_tool
-from drivers.trackers.ndi.replies import HandleState, ToolReply
-from drivers.trackers.ndi.tracker import open_tracker
-from drivers.twins.faults import Episode, Schedule
-from drivers.twins.ndi.combined_api import Mode
-from drivers.twins.ndi.tool_definitions import REFERENCE, make_rom
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.errors import ConfigurationError, DeviceLost
+from probewatch.drivers.rigid import rigid, rotation_from_vector
+from probewatch.drivers.samples import Matrix4, PoseStatus
+from probewatch.drivers.trackers.ndi.pose_status import status_of_system, status_of_tool
+from probewatch.drivers.trackers.ndi.replies import HandleState, ToolReply
+from probewatch.drivers.trackers.ndi.tracker import open_tracker
+from probewatch.drivers.twins.faults import Episode, Schedule
+from probewatch.drivers.twins.ndi.combined_api import Mode
+from probewatch.drivers.twins.ndi.tool_definitions import REFERENCE, make_rom
 from tests.support import simulated_ndi
 from tests.support.simulated import PROBEWATCH
 from tests.support.simulated_ndi import bench, moving, poses, until

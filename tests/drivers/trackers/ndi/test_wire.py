@@ -8,18 +8,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.errors import ProtocolError
-from drivers.trackers.ndi import bx2
-from drivers.trackers.ndi.bx import decode_bx, encode_bx
-from drivers.trackers.ndi.replies import (
+from probewatch.drivers.errors import ProtocolError
+from probewatch.drivers.trackers.ndi import bx2
+from probewatch.drivers.trackers.ndi.bx import decode_bx, encode_bx
+from probewatch.drivers.trackers.ndi.replies import (
     ActiveStray,
     HandleState,
     ToolReply,
     TrackingReply,
     Transform,
 )
-from drivers.trackers.ndi.tx import decode_tx, encode_tx
-from drivers.trackers.ndi.wire import (
+from probewatch.drivers.trackers.ndi.tx import decode_tx, encode_tx
+from probewatch.drivers.trackers.ndi.wire import (
     Command,
     RefusedError,
     crc16,

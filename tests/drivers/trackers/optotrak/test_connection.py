@@ -5,18 +5,18 @@ import time
 
 import pytest
 
-from drivers.clock.host_clock import HostClock
-from drivers.errors import ConfigurationError, DeviceLost
-from drivers.io.tcp_line import parse_address
-from drivers.registry import open_tracker as open_by_url
-from drivers.samples import PoseStatus
-from drivers.trackers.optotrak.rtc3d import (
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.errors import ConfigurationError, DeviceLost
+from probewatch.drivers.io.tcp_line import parse_address
+from probewatch.drivers.registry import open_tracker as open_by_url
+from probewatch.drivers.samples import PoseStatus
+from probewatch.drivers.trackers.optotrak.rtc3d import (
     ByteOrder,
     NoData,
     PacketType,
     encode_packet,
 )
-from drivers.trackers.optotrak.tracker import open_tracker, parse_options
+from probewatch.drivers.trackers.optotrak.tracker import open_tracker, parse_options
 from tests.drivers.trackers.optotrak.test_tracker import hand_made, reply
 from tests.support.simulated_optotrak import bench, poses
 from tests.support.stopwatch import Stopwatch

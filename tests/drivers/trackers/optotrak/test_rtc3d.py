@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.errors import ProtocolError
-from drivers.trackers.optotrak.rtc3d import (
+from probewatch.drivers.errors import ProtocolError
+from probewatch.drivers.trackers.optotrak.rtc3d import (
     HEADER_BYTES,
     MAX_PACKET_BYTES,
     Body,

@@ -12,11 +12,11 @@ from threading import Thread
 import numpy as np
 import pytest
 
-from drivers.device_api import Identified
-from drivers.errors import DeviceLost
-from drivers.io.byte_log import Direction, read_log
-from drivers.samples import PoseStatus
-from drivers.trackers.optotrak.rtc3d import (
+from probewatch.drivers.device_api import Identified
+from probewatch.drivers.errors import DeviceLost
+from probewatch.drivers.io.byte_log import Direction, read_log
+from probewatch.drivers.samples import PoseStatus
+from probewatch.drivers.trackers.optotrak.rtc3d import (
     Body,
     ByteOrder,
     Component,
@@ -29,8 +29,8 @@ from drivers.trackers.optotrak.rtc3d import (
     encode_packet,
     packet_length,
 )
-from drivers.trackers.optotrak.tracker import open_tracker
-from drivers.twins.tool_motion import PROBE, REFERENCE
+from probewatch.drivers.trackers.optotrak.tracker import open_tracker
+from probewatch.drivers.twins.tool_motion import PROBE, REFERENCE
 from tests.support.manual_clock import ManualClock
 from tests.support.optotrak_logs import LOGS, OPTIONS, play
 from tests.support.simulated_optotrak import Bench, bench, moving, poses, until

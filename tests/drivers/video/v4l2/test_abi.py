@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from drivers.video.v4l2 import abi
+from probewatch.drivers.video.v4l2 import abi
 
 HEADER = Path("/usr/include/linux/videodev2.h")
 pytestmark = pytest.mark.skipif(

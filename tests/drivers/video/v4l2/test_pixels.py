@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from drivers.video.v4l2.pixels import FORMATS, BrokenPicture, grey
+from probewatch.drivers.video.v4l2.pixels import FORMATS, BrokenPicture, grey
 
 W, H, PAD = 64, 48, 32
 

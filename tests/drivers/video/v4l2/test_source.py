@@ -8,11 +8,11 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from drivers.clock.host_clock import HostClock
-from drivers.errors import ConfigurationError, DeviceLost
-from drivers.registry import open_video
-from drivers.video.v4l2 import abi
-from drivers.video.v4l2.source import V4l2Video
+from probewatch.drivers.clock.host_clock import HostClock
+from probewatch.drivers.errors import ConfigurationError, DeviceLost
+from probewatch.drivers.registry import open_video
+from probewatch.drivers.video.v4l2 import abi
+from probewatch.drivers.video.v4l2.source import V4l2Video
 from tests.support.descriptors import leaves_nothing_open
 from tests.support.simulated_v4l2 import FLAGS, Driver, noise
 

@@ -4,8 +4,8 @@ import itertools
 
 import pytest
 
-from drivers.video.v4l2 import abi
-from drivers.video.v4l2.stamps import Counter, FrameTimes
+from probewatch.drivers.video.v4l2 import abi
+from probewatch.drivers.video.v4l2.stamps import Counter, FrameTimes
 
 MS = 1_000_000
 PERIOD = 40 * MS
