@@ -13,8 +13,8 @@ from probewatch.appliance.configuration.noise_file import LearnedNoise, judged_b
 from probewatch.appliance.configuration.toml_lines import key_lines, line_of
 from probewatch.appliance.limits import MAX_VERIFICATION_AGE_S, NAMED_NATS, TRACKER_STALE_MS, Limits, check_name
 from probewatch.appliance.supervision.annunciator import Role
+from probewatch.appliance.supervision.device_health import Timeouts
 from probewatch.appliance.supervision.policy import BEHIND_NS, Durations
-from probewatch.appliance.supervision.watchers.device_health import Timeouts
 from probewatch.drivers.errors import ConfigurationError
 from probewatch.drivers.files.markup import SAVE_AS_UTF_8, NotUtf8Error, text_of, toml_of
 from probewatch.drivers.files.regular_file import read_bounded

@@ -16,8 +16,8 @@ from probewatch.appliance.service.host.host_watch import HostWatch
 from probewatch.appliance.service.host.recorder import Recorder
 from probewatch.appliance.service.host.systemd_notify import Notifier
 from probewatch.appliance.supervision.annunciator import Annunciator
-from probewatch.appliance.supervision.watchers.device_health import DeviceHealth
-from probewatch.appliance.supervision.watchers.devices import watch_devices
+from probewatch.appliance.supervision.device_health import DeviceHealth
+from probewatch.appliance.supervision.device_watchers import watch_devices
 from probewatch.appliance.types import AlarmState, Check, Verdict
 from probewatch.drivers.clock.host_clock import HostClock
 

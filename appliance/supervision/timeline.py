@@ -7,9 +7,9 @@ import numpy as np
 
 from probewatch.appliance.core.quality.report import Change, LineReport
 from probewatch.appliance.limits import Limits
+from probewatch.appliance.supervision.device_health import DeviceHealth, Timeouts
+from probewatch.appliance.supervision.device_watchers import watch_devices
 from probewatch.appliance.supervision.supervisor import TICK_NS, Durations, Inputs, Supervisor
-from probewatch.appliance.supervision.watchers.device_health import DeviceHealth, Timeouts
-from probewatch.appliance.supervision.watchers.devices import watch_devices
 from probewatch.appliance.types import AlarmState, Check, Verdict, VerdictKind
 from probewatch.drivers.samples import Frame, Sample
 

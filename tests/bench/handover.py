@@ -25,7 +25,7 @@ import pytest
 from probewatch.appliance.limits import Limits
 from probewatch.appliance.service.estimator.process_host import EstimatorHost
 from probewatch.appliance.service.estimator.ring import FRAMES, Ring
-from probewatch.appliance.supervision.watchers.device_health import Timeouts
+from probewatch.appliance.supervision.device_health import Timeouts
 from probewatch.appliance.types import Calibration
 from probewatch.drivers.samples import Frame, GreyImage, Stamp
 from tests.bench.receiver import METHODS, PIPED

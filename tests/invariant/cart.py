@@ -9,9 +9,9 @@ import numpy as np
 from probewatch.appliance.core.detectors.no_picture import NoPicture
 from probewatch.appliance.core.line import Line
 from probewatch.appliance.limits import AT_REST_S, Limits, RequiredAges
+from probewatch.appliance.supervision.device_health import DeviceHealth, Timeouts
+from probewatch.appliance.supervision.device_watchers import watch_devices
 from probewatch.appliance.supervision.supervisor import LATCHED, Durations, Inputs, Request, Supervisor
-from probewatch.appliance.supervision.watchers.device_health import DeviceHealth, Timeouts
-from probewatch.appliance.supervision.watchers.devices import watch_devices
 from probewatch.appliance.types import AlarmState, Verdict
 from probewatch.drivers.samples import Frame, GreyImage, Pose, PoseStatus, Sample, Stamp
 from tests.invariant.circumstances import GRADUAL, NO_BLANK, Blank, Circumstances, Manner, Pictures, Poses, Stamps

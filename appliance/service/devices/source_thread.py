@@ -8,7 +8,7 @@ from typing import Any
 
 from probewatch.appliance.core.acquisition.input_validation import refused_picture
 from probewatch.appliance.service.devices.device_thread import DeviceThread
-from probewatch.appliance.supervision.watchers.device_health import Replies
+from probewatch.appliance.supervision.device_health import Replies
 from probewatch.drivers.clock.host_clock import HostClock
 from probewatch.drivers.device_api import BumpDetector, Description, Identified, TrackerSource, VideoSource, Watched
 from probewatch.drivers.errors import DeviceLost
@@ -115,7 +115,7 @@ class CaptureThread(SourceThread):
 
 
 class TrackerThread(SourceThread):
-    """Replies and body as appliance.supervision.watchers.device_health.DeviceHealth names them.
+    """Replies and body as appliance.supervision.device_health.DeviceHealth names them.
 
     remarks: what the tracker says besides its poses, such as a low battery; first why the last pose has no number.
     """

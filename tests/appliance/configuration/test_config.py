@@ -14,8 +14,8 @@ from probewatch.appliance.configuration.config import SupervisorTimes, load_conf
 from probewatch.appliance.configuration.mistakes import Mistakes
 from probewatch.appliance.configuration.toml_lines import key_lines, line_of
 from probewatch.appliance.limits import Limits
+from probewatch.appliance.supervision.device_health import Timeouts
 from probewatch.appliance.supervision.policy import Durations
-from probewatch.appliance.supervision.watchers.device_health import Timeouts
 from probewatch.appliance.types import PARAMETERS
 from probewatch.drivers.errors import ConfigurationError
 from probewatch.drivers.registry import device_kinds, drivers

@@ -25,10 +25,10 @@ from probewatch.appliance.supervision.alarms import (
     PARTLY_EARLIER,
     SIGNALS,
 )
+from probewatch.appliance.supervision.device_health import DeviceHealth, Timeouts
+from probewatch.appliance.supervision.device_watchers import watch_devices
 from probewatch.appliance.supervision.faults import FAULT_ROWS
 from probewatch.appliance.supervision.languages import GERMAN, translated_text
-from probewatch.appliance.supervision.watchers.device_health import DeviceHealth, Timeouts
-from probewatch.appliance.supervision.watchers.devices import watch_devices
 from probewatch.appliance.types import PARAMETERS, Check, Fault, PointError, Rival, State, VerdictKind
 from probewatch.drivers.samples import Frame, Stamp
 from probewatch.tools.shared.spoken import SPOKEN

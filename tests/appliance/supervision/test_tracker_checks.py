@@ -10,8 +10,8 @@ import pytest
 
 from probewatch.appliance.limits import Limits
 from probewatch.appliance.service.devices.source_thread import TrackerThread
-from probewatch.appliance.supervision.watchers.device_health import DeviceHealth, Timeouts
-from probewatch.appliance.supervision.watchers.devices import watch_devices
+from probewatch.appliance.supervision.device_health import DeviceHealth, Timeouts
+from probewatch.appliance.supervision.device_watchers import watch_devices
 from probewatch.appliance.types import Check, Kind, VerdictKind
 from probewatch.drivers.clock.host_clock import HostClock
 from probewatch.drivers.registry import open_tracker

@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 
 from probewatch.appliance.limits import Limits
-from probewatch.appliance.supervision.watchers.device_health import DeviceHealth, Replies, Timeouts
-from probewatch.appliance.supervision.watchers.devices import watch_devices
+from probewatch.appliance.supervision.device_health import DeviceHealth, Replies, Timeouts
+from probewatch.appliance.supervision.device_watchers import watch_devices
 from probewatch.appliance.types import Fault, Kind, VerdictKind
 from probewatch.drivers.samples import MarkerBody, PoseStatus
 

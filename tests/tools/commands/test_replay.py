@@ -9,9 +9,9 @@ import pytest
 
 from probewatch.appliance.limits import Limits
 from probewatch.appliance.service.devices.source_thread import TrackerThread
+from probewatch.appliance.supervision.device_health import DeviceHealth, Timeouts
+from probewatch.appliance.supervision.device_watchers import watch_devices
 from probewatch.appliance.supervision.timeline import Judging, Timeline
-from probewatch.appliance.supervision.watchers.device_health import DeviceHealth, Timeouts
-from probewatch.appliance.supervision.watchers.devices import watch_devices
 from probewatch.appliance.types import Fault, State, Verdict, VerdictKind
 from probewatch.drivers.clock.host_clock import HostClock
 from probewatch.drivers.recordings.metaimage_writing import write_metaimage

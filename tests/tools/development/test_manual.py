@@ -175,7 +175,7 @@ def test_every_hazard_has_a_policy_and_says_where_it_leads() -> None:
         assert told.rpartition(", then ")[2].startswith(last[0])
 
 
-MAKES_OF_OTHERS = {"appliance/core/exact_fields.py", "appliance/supervision/watchers/device_health.py"}
+MAKES_OF_OTHERS = {"appliance/core/exact_fields.py", "appliance/supervision/device_health.py"}
 """They read a check, or make one of a class that they are given."""
 
 

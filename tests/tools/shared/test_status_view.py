@@ -21,9 +21,9 @@ from probewatch.appliance.core.quality.shown import Shown
 from probewatch.appliance.service.control.status import alarm_fields, check_lists, shown_of_each
 from probewatch.appliance.service.control.status_fields import Field, Line
 from probewatch.appliance.supervision.alarms import DISPLAY_COLUMNS
+from probewatch.appliance.supervision.device_health import DeviceHealth, Timeouts
+from probewatch.appliance.supervision.device_watchers import watch_devices
 from probewatch.appliance.supervision.languages import translated
-from probewatch.appliance.supervision.watchers.device_health import DeviceHealth, Timeouts
-from probewatch.appliance.supervision.watchers.devices import watch_devices
 from probewatch.appliance.types import PARAMETERS, AlarmState, Check, Fault, State, Verdict, VerdictKind
 from probewatch.tools.shared import status_view
 from probewatch.tools.shared.status_view import StatusView, one_line

@@ -12,9 +12,9 @@ from probewatch.appliance.core.quality.shown import Shown
 from probewatch.appliance.core.times import PRESENT_NS
 from probewatch.appliance.limits import Limits, RequiredAges
 from probewatch.appliance.service.control.status import ages_at_rest, alarm_fields, check_lists, shown_of_each
+from probewatch.appliance.supervision.device_health import DeviceHealth, Timeouts
+from probewatch.appliance.supervision.device_watchers import watch_devices
 from probewatch.appliance.supervision.supervisor import TICK_NS, Durations, Inputs, Supervisor
-from probewatch.appliance.supervision.watchers.device_health import DeviceHealth, Timeouts
-from probewatch.appliance.supervision.watchers.devices import watch_devices
 from probewatch.appliance.types import State, Verdict, VerdictKind
 from probewatch.drivers.samples import Frame, Matrix4, Pose, PoseStatus, Sample
 from probewatch.drivers.twins.scene.trajectory import Trajectory
