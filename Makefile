@@ -14,7 +14,7 @@ PACKAGE := build/package/probewatch
 
 .DEFAULT_GOAL := help
 .PHONY: help help-all setup demo test lint types contracts quick thorough invariant \
-  gate-proof release-check failures live mutation pythons slow test-arm64 evidence evidence-full false-alarms coverage-page crosswire crosswire-scans test-deb test-cart soak igtl-soak onlookers repeat coverage bench paper deb docs lock vulnerabilities clean
+  gate-proof release-check failures live mutation pythons slow test-arm64 evidence evidence-full false-alarms coverage-page point-coverage crosswire crosswire-scans test-deb test-cart soak igtl-soak onlookers repeat coverage bench paper deb docs lock vulnerabilities clean
 
 help: ##+ list the targets of every day
 	@awk -F ':.*## ' '/^##@ /{title = "\n" substr($$0, 5)} /^[a-z0-9-]+:.*## /{if (title) print title; title = ""; printf "  %-14s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -98,6 +98,10 @@ false-alarms: $(VENV)/dev ##+ signs and names in healthy scanning, on paths with
 coverage-page: $(VENV)/dev ##+ how often healthy scanning is verified: docs/coverage.md (for two idle processors, about fifteen minutes, and longer for its worlds)
 	$(MEASURED) coverage $(WHERE)
 	$(MEASURED) worlds $(WHERE)
+	$(BIN)/python -m probewatch.tools.development.manual
+
+point-coverage: $(VENV)/dev ##+ how often the bound on the error of a point holds, over 520 sessions: docs/coverage.md (for two idle processors, about half an hour)
+	$(MEASURED) points $(WHERE)
 	$(BIN)/python -m probewatch.tools.development.manual
 
 test-deb: deb ##+ builds the packages, then looks at what is in them and runs what this machine's Python can

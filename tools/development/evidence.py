@@ -14,7 +14,7 @@ from probewatch.tools.development.evidence_pages import DATA, pages, read_figure
 from probewatch.tools.development.study_rows import study_rows
 from probewatch.tools.shared.terminal import progress_bar
 from probewatch.tools.study.hand import GESTURED, PROGRAMS
-from probewatch.tools.study.hazard import CREEP_S, STANDARD, Hazard, Manner
+from probewatch.tools.study.hazard import CREEP_S, ONSET_S, STANDARD, WITHIN, Hazard, Manner
 from probewatch.tools.study.plan import Task, planned, tasks
 from probewatch.tools.study.samples import KEYS, WITHOUT_OFFSETS, Conditions
 from probewatch.tools.study.session import TISSUES
@@ -50,8 +50,23 @@ WORLDS = (
     *("persistence-0.5", "slow", "jpeg-30", "tracker-0.8", "tracker-0.8+half-30+deep"),
 )
 """One or two of each kind of `surroundings`, healthy: soft ones with pictures deep enough to be verified."""
+_DRAWS = 5
+"""Slight errors on the same pictures: with four seeds, more than 500 runs over all worlds."""
+_AFTER_S = 8.0
+"""Of a session after something has crept in: as long as it took."""
 _WORLD_S = 20.0
 """Of a session in one of them: the slowest are verified after 16 s."""
+
+
+def points_plan(seeds: int) -> list[Conditions]:
+    """Slight errors from the start in every world; ones that creep in over still and breathing tissue."""
+    start = WITHIN[:_DRAWS]
+    creeping = [Hazard.parse(str(one).replace(Manner.START, Manner.CREEPING)) for one in start]
+    longer_s = ONSET_S + CREEP_S + _AFTER_S
+    return [
+        *planned(("gesture-hold",), (*TISSUES, *WORLDS), seeds, _NOISES_MM, start, _WORLD_S),
+        *planned(("gesture-hold",), TISSUES, seeds, _NOISES_MM, creeping, longer_s),
+    ]
 
 
 def short_hazards() -> tuple[Hazard, ...]:
@@ -98,6 +113,7 @@ def full_plan(seeds: int) -> list[Conditions]:
 PLANS = {
     "coverage": (coverage_plan, 1),
     "worlds": (worlds_plan, 2),
+    "points": (points_plan, 4),
     "short": (short_plan, 2),
     "full": (full_plan, _FULL_SEEDS),
 }

@@ -15,6 +15,7 @@ import numpy as np
 
 from probewatch.appliance.core.parameters import MEASURED
 from probewatch.appliance.types import Fault
+from probewatch.tools.development.evidence_points import PointBounds, is_within, point_bounds
 from probewatch.tools.study.bound import least_delay_s
 from probewatch.tools.study.hazard import FAULTS, HIDDEN_S, ONSET_S, Hazard, Manner
 from probewatch.tools.study.session import FPS, Session
@@ -116,6 +117,7 @@ class Figures:
 
     healthy: list[Healthy]
     found: list[Found]
+    points: list[PointBounds] = field(default_factory=list)
 
     def plain(self) -> dict[str, object]:
         """The value as JSON takes it."""
@@ -127,7 +129,12 @@ class Figures:
         """
         healthy = {one.origin.conditions: one for one in (*self.healthy, *now.healthy)}
         found = {(*one.origin.conditions, one.hazard): one for one in (*self.found, *now.found)}
-        return Figures([healthy[key] for key in sorted(healthy)], [found[key] for key in sorted(found)])
+        points = {one.key: one for one in (*self.points, *now.points)}
+        return Figures(
+            [healthy[key] for key in sorted(healthy)],
+            [found[key] for key in sorted(found)],
+            [points[at] for at in sorted(points)],
+        )
 
     @classmethod
     def parse(cls, plain: dict[str, list[dict[str, Any]]]) -> "Figures":
@@ -135,7 +142,8 @@ class Figures:
         healthy, found = ([one | {"origin": Origin(**one["origin"])} for one in plain[k]] for k in ("healthy", "found"))
         for one in healthy:
             one["scores"] = {name: Score(**score) for name, score in one.get("scores", {}).items()}
-        return cls([Healthy(**one) for one in healthy], [Found(**one) for one in found])
+        points = [PointBounds(**one) for one in plain.get("points", [])]
+        return cls([Healthy(**one) for one in healthy], [Found(**one) for one in found], points)
 
 
 def of_fault(found: list[Found], fault: Fault) -> list[Found]:
@@ -147,8 +155,9 @@ def figures(rows: Sequence[Row]) -> Figures:
     """Figures of the rows of study.csv."""
     alike = ("session", "tissue", "noise_mm", "asked", "duration_s")
     healthy = _grouped([row for row in rows if row["hazard"] == "none"], alike)
-    sick = _grouped([row for row in rows if row["hazard"] != "none"], (*alike, "hazard"))
-    return Figures([_healthy(group) for group in healthy], [_found(group) for group in sick])
+    wrong = [row for row in rows if row["hazard"] != "none" and not is_within(row["hazard"])]
+    sick = _grouped(wrong, (*alike, "hazard"))
+    return Figures([_healthy(group) for group in healthy], [_found(group) for group in sick], point_bounds(rows))
 
 
 def _grouped(rows: list[Row], alike: tuple[str, ...]) -> list[list[Row]]:

@@ -13,6 +13,7 @@ from probewatch.appliance.core.parameters import MEASURED
 from probewatch.appliance.types import Fault
 from probewatch.tools.development.evidence_figures import SOON_S, Figures, Found, Healthy, Origin, of_fault
 from probewatch.tools.development.evidence_pictures import coverage_picture, delay_picture, sensitivity_picture
+from probewatch.tools.development.evidence_points import point_lines
 from probewatch.tools.development.evidence_roc import roc_picture, roc_section
 from probewatch.tools.development.false_alarm_pages import false_alarm_lines
 from probewatch.tools.development.markdown import shared_aside, table
@@ -58,7 +59,7 @@ def read_figures() -> Figures:
 def pages(figures: Figures) -> dict[Path, str]:
     """File → text of everything that is written from the figures."""
     return {
-        DOCS / "coverage.md": _coverage(figures.healthy),
+        DOCS / "coverage.md": _coverage(figures),
         DOCS / "evidence.md": _evidence(figures),
         DOCS / "pictures" / "coverage.svg": coverage_picture(figures.healthy),
         DOCS / "pictures" / "sensitivity.svg": sensitivity_picture(figures.found),
@@ -75,7 +76,8 @@ def command(hazards: str = "") -> str:
     )
 
 
-def _coverage(healthy: list[Healthy]) -> str:
+def _coverage(figures: Figures) -> str:
+    healthy = figures.healthy
     lines = [
         _COVERAGE.format(command=command()),
         "![share of each session with the contact closed](pictures/coverage.svg)",
@@ -94,6 +96,7 @@ def _coverage(healthy: list[Healthy]) -> str:
         head = ("session, tissue", "closed, %: median", "range", "mean (95 %)", "first closed, s", *_ORIGIN)
         lines += shared_aside(head, [_coverage_row(one) for one in some], _ORIGIN)
     lines += _scores(healthy)
+    lines += point_lines(figures.points)
     hours = sum(one.hours for one in healthy)
     lines += [f"{sum(one.runs for one in healthy)} runs, {hours:.2f} h.", *_note()]
     return "\n".join(lines)
