@@ -1,5 +1,6 @@
-"""Devices by URL: bytes and clocks in, stamped frames and poses out. Nothing here knows what a calibration is.
+"""Opens devices by URL: bytes and clocks go in, stamped frames and poses come out. Nothing here knows what a
+calibration is.
 
-At this level only what every room speaks: descriptors of drivers, device_api, registry, samples, rigid motions, errors,
-text fit to be shown.
+This level holds only what all subpackages use: descriptors of drivers, device_api, registry, samples, rigid motions,
+errors, and text made fit to be shown.
 """

@@ -1,14 +1,14 @@
-"""What is closed at the end of its `with` block."""
+"""Provides the base class of objects that are closed at the end of their `with` block."""
 
 from types import TracebackType
 from typing import Self
 
 
 class Closable:
-    """A class of this kind holds something: a device, a socket, a thread."""
+    """Holds a resource, such as a device, a socket or a thread, until the end of its `with` block."""
 
     def close(self) -> None:
-        """Gives it back."""
+        """Releases the resource."""
         raise NotImplementedError
 
     def __enter__(self) -> Self:

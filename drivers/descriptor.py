@@ -1,8 +1,8 @@
-"""What a driver says of itself before it is imported: one row of values, from which everything that must know the
-drivers is made. The registry, `probe --help`, `configure`, tables of the pages, the unit's DeviceAllow and the contract
-suites read them.
+"""Describes each driver by one row of values that can be read before the driver is imported. Everything that must know
+the drivers is made from these rows: the registry, `probe --help`, `configure`, tables of the pages, the unit's
+DeviceAllow and the contract suites.
 
-The rows stand as DRIVERS in the `__init__.py` of the driver's folder, and importing that imports no driver.
+The rows are the constant DRIVERS in the `__init__.py` of the driver's folder; importing that imports no driver.
 """
 
 import math
@@ -16,9 +16,10 @@ from probewatch.drivers.suggestion import did_you_mean, suggested
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """What a URL names after its scheme. looks_like: a regular expression for what people write without a scheme,
-    empty where it recognises none. allow: classes of device nodes that the service's unit must permit. group:
-    whose members may open such a node.
+    """Describes what a URL names after its scheme.
+
+    looks_like: a regular expression for what people write without a scheme; empty where nothing is recognised. allow:
+    classes of device nodes that the service's unit must permit. group: the group whose members may open such a node.
     """
 
     name: str
@@ -35,24 +36,25 @@ GPIO_CHIP = Target("GPIO chip", r"/dev/gpiochip.*", ("char-gpiochip",), "gpio")
 STREAM = Target("stream", r"(rtsp|rtsps|rtmp|http|https|udp)://.*")
 RECORDING = Target("recording", r".*\.(mha|mhd)")
 FILM_SUFFIXES = (".mp4", ".avi", ".mkv", ".mov")
-"""Of files that screen recorders write; what OpenCV decodes under another name is a film as well."""
+"""Suffixes of the files that screen recorders write. What OpenCV decodes under another name is a film as well."""
 FILM = Target("film", rf".*({'|'.join(map(re.escape, FILM_SUFFIXES))})")
 HOST = Target("host", r"(tcp://)?[\w.-]*[\w-](:\d+)?")
 CAMERA = Target("number of a camera", allow=VIDEO_NODE.allow, group=VIDEO_NODE.group)
 SOUND_CARD = Target("sound card", allow=("char-alsa",), group="audio")
 SOCKET = Target("socket")
 TARGETS = (SERIAL_PORT, VIDEO_NODE, GPIO_CHIP, STREAM, RECORDING, FILM, HOST, CAMERA, SOUND_CARD, SOCKET)
-"""All of them; of two that a text looks like the first is meant. A file name may be the name of a host as well."""
+"""All targets. Where a text looks like two, the first is meant: a file name may also be the name of a host."""
 
 
 @dataclass(frozen=True, slots=True)
 class Option:
-    """One option of a URL. help: what it means, in words that a terminal and a page can show. unit: of a number.
+    """Describes one option of a URL.
 
-    bounds: the least and the greatest number. words: the only values. form: how any other value is written. default:
-    what holds without the option, a number where the driver reads one from here. refusal: what is wrong with a value
-    that is none, after it. question: what `configure` asks for it, and without, the answer that leaves it out; the
-    answer is the path of a file.
+    help: its meaning, in words that a terminal and a page can show. unit: that of a number. bounds: the least and the
+    greatest number. words: the only permitted values. form: how any other value is written. default: what holds without
+    the option; a number where the driver reads its default from here. refusal: the words that follow an invalid value
+    and say what is wrong with it. question: what `configure` asks to obtain the value, which is the path of a file.
+    without: the answer to that question that leaves the option out.
     """
 
     name: str
@@ -69,22 +71,23 @@ class Option:
 
     @property
     def values(self) -> str:
-        """What may be written after the name: `20…5000`, `high|low`, `FILE.rom`."""
+        """Returns what may be written after the name: `20…5000`, `high|low`, `FILE.rom`."""
         if self.bounds is not None:
             return "{:g}…{:g}".format(*self.bounds)
         return "|".join(self.words) or self.form
 
     def remedy(self, kind: str) -> str:
-        """What to write instead of a value out of bounds. kind: of number, in words."""
+        """Returns what to write instead of a value out of bounds. kind: the kind of number, in words."""
         assert self.bounds is not None, f"the row of '{self.name}' has no bounds"
         return f"Use {kind} from {self.bounds[0]:g} to {self.bounds[1]:g} {self.unit}".rstrip()
 
 
 @dataclass(frozen=True, slots=True)
 class Contact:
-    """What is known of an output's contact. read_back: how it is known that the contact followed. process_dies,
-    cart_hangs: what happens to the contact then. serves_contact: whether it can be the contact itself, not only a
-    signal beside it.
+    """Describes the contact of an output.
+
+    read_back: how it is known that the contact followed. process_dies, cart_hangs: what happens to the contact in that
+    case. serves_contact: whether the output can be the contact itself, not only a signal beside it.
     """
 
     read_back: str
@@ -95,7 +98,9 @@ class Contact:
 
 @dataclass(frozen=True, slots=True)
 class Twin:
-    """The device as bytes alone. name: of its command, `probewatch simulate NAME`. what: what that simulates."""
+    """Describes the simulated device, which exists as bytes alone. name: that of its command, `probewatch simulate
+    NAME`. what: what the command simulates.
+    """
 
     name: str
     what: str
@@ -103,12 +108,14 @@ class Twin:
 
 @dataclass(frozen=True, slots=True)
 class Driver:
-    """One URL scheme. module: has open_video, open_tracker or open_output (target, options, clock) for each kind, and
-    `checked` (target, options), which opens nothing. examples: kind of device → a URL that opens it as that.
+    """Describes the driver of one URL scheme.
 
-    device: what it is for. line: how that is connected. is_simulated: whether it is no device that is there now.
-    is_listed: whether `configure` offers each connected target with this scheme. twin: None where there is none.
-    contact: of an output. advice: what else to say where an option is unknown. page: of docs/, that has its options.
+    module: the module with open_video, open_tracker or open_output (target, options, clock), one for each kind, and
+    with `checked` (target, options), which opens nothing. examples: kind of device → a URL that opens it as that kind.
+    device: what the driver is for. line: how that device is connected. is_simulated: whether it stands for a simulation
+    or a recording rather than a device that is there now. is_listed: whether `configure` offers each connected target
+    with this scheme. twin: None where there is none. contact: that of an output. advice: what else to say where an
+    option is unknown. page: the page of docs/ with its options.
     """
 
     scheme: str
@@ -127,29 +134,29 @@ class Driver:
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """Which of "output", "tracker", "video" it can be opened as."""
+        """Returns the kinds of device, of "output", "tracker" and "video", that it can be opened as."""
         return tuple(self.examples)
 
     @property
     def required(self) -> tuple[str, ...]:
-        """Names of the options that it cannot do without."""
+        """Returns the names of the mandatory options."""
         return tuple(option.name for option in self.options if option.required)
 
     def url(self, target: str) -> str:
-        """A URL of this driver for that target, with the options that it cannot do without, as in the example."""
+        """Returns a URL of this driver for that target, with the mandatory options as in the example."""
         begin, _, query = next(iter(self.examples.values())).partition("?")
         slashes = "//" if begin.startswith(f"{self.scheme}://") else ""
         kept = "&".join(part for part in query.split("&") if part.partition("=")[0] in self.required)
         return f"{self.scheme}:{slashes}{target}{f'?{kept}' if kept else ''}"
 
     def given(self, options: Mapping[str, str], where: str) -> "Given":
-        """Reads the options of a URL by these rows. Raises ConfigurationError for one that is unknown."""
+        """Reads the options of a URL by these rows. Raises ConfigurationError for an option that is unknown."""
         return Given(self.options, options, where, self.advice)
 
 
 def refuse_unknown(options: Collection[str], known: Sequence[str], where: str, advice: str = "") -> None:
-    """Raises ConfigurationError that names an option which is none of `known`, the one that may have been meant, and
-    these; advice follows them.
+    """Raises ConfigurationError for an option that is not in `known`. The error names it, the one that may have been
+    meant, and all of `known`, followed by advice.
     """
     if unknown := sorted(set(options) - set(known)):
         meant = did_you_mean(suggested(unknown[0], known))
@@ -158,19 +165,21 @@ def refuse_unknown(options: Collection[str], known: Sequence[str], where: str, a
 
 
 class Given:
-    """Options of one URL, each read by its row. Every reader raises ConfigurationError that names option and value."""
+    """Holds the options of one URL and reads each by its row. Every reader raises ConfigurationError that names the
+    option and its value.
+    """
 
     def __init__(self, rows: Sequence[Option], options: Mapping[str, str], where: str, advice: str = "") -> None:
         self._rows, self._options, self.where = {row.name: row for row in rows}, options, where
         refuse_unknown(options, list(self._rows), where, advice)
 
     def text(self, name: str) -> str | None:
-        """The value as it is written, None where it is not given."""
+        """Returns the value as it is written; None where it is not given."""
         assert name in self._rows, f"the driver reads '{name}', and its descriptor has no such row"
         return self._options.get(name)
 
     def number(self, name: str) -> float:
-        """The number, or the default of the row."""
+        """Returns the number, or the default of the row."""
         number = self.number_or_none(name)
         return float(self._rows[name].default) if number is None else number
 
@@ -189,7 +198,7 @@ class Given:
         return value
 
     def integer(self, name: str) -> int:
-        """The whole number, or the default of the row."""
+        """Returns the whole number, or the default of the row."""
         number = self.integer_or_none(name)
         return int(self._rows[name].default) if number is None else number
 
@@ -204,7 +213,9 @@ class Given:
         return int(text)
 
     def word(self, name: str) -> str:
-        """One of the row's words, or its default. A word of capitals may be written in small letters."""
+        """Returns one of the row's words, or its default. Where all words are in capitals, the value may be written in
+        small letters.
+        """
         word = self.word_or_none(name)
         return self._rows[name].default if word is None else word
 
@@ -219,6 +230,6 @@ class Given:
         return word
 
     def refusal(self, name: str, remedy: str) -> ConfigurationError:
-        """The refusal of a value that is none for this option."""
+        """Returns the error that refuses an invalid value of this option."""
         what = f"{name}={self._options.get(name, '')} {self._rows[name].refusal}"
         return ConfigurationError(what, self.where, remedy)

@@ -1,4 +1,6 @@
-"""What each kind of device promises: the three kinds that the appliance opens, and what some know besides."""
+"""Defines the interface of each kind of device: the three kinds that the appliance opens, and what some of them offer
+in addition.
+"""
 
 import math
 from dataclasses import dataclass
@@ -16,26 +18,26 @@ class _Device(Protocol):
 
 
 class VideoSource(_Device, Protocol):
-    """Frames of one scanner."""
+    """Yields the frames of one scanner."""
 
     def read(self, timeout_s: float) -> Frame | None:
-        """Next frame, or None when none came within timeout_s of the clock. Raises DeviceLost."""
+        """Returns the next frame, or None when none came within timeout_s of the clock. Raises DeviceLost."""
 
 
 class TrackerSource(_Device, Protocol):
-    """Poses of the probe's marker body."""
+    """Yields the poses of the probe's marker body."""
 
     def read(self, timeout_s: float) -> Pose | None:
-        """Next pose, or None when none came within timeout_s of the clock. Raises DeviceLost."""
+        """Returns the next pose, or None when none came within timeout_s of the clock. Raises DeviceLost."""
 
 
 @dataclass(frozen=True, slots=True)
 class Description:
-    """What an open device says of itself; empty or NaN where it does not say.
+    """Holds what an open device reports about itself; a field is empty or NaN where it reports nothing.
 
-    tools: what it tracks, the probe's tool first. rate_hz: measurements per second. remarks: what it warned of.
-    absent: that what the URL names never came, and what comes instead; remedy: what to do about it. time_remedy: what
-    to do where the time of a sample is known poorly.
+    tools: what it tracks, the probe's tool first. rate_hz: measurements per second. remarks: what it warned of. absent:
+    the statement that what the URL names never came, and what comes instead; remedy: what to do about that.
+    time_remedy: what to do where the time of a sample is known poorly.
     """
 
     model: str
@@ -51,42 +53,45 @@ class Description:
 
 @runtime_checkable
 class Identified(Protocol):
-    """A device that knows more of itself than its URL."""
+    """Represents a device that knows more about itself than its URL states."""
 
     def describe(self) -> Description:
-        """Never asks the device again, so it costs nothing while tracking."""
+        """Returns what the device reported. Never asks the device again, so it costs nothing while tracking."""
 
 
 @runtime_checkable
 class Watched(Protocol):
-    """A tracker that knows how well it can measure."""
+    """Represents a tracker that reports how well it can measure."""
 
     def body(self) -> MarkerBody:
-        """The body as of the last replies; never asks the device."""
+        """Returns the marker body as of the last replies; never asks the device."""
 
 
 @runtime_checkable
 class BumpDetector(Protocol):
-    """A tracker that remembers a blow to its position sensor: until it is cleared, all its poses are FAULT."""
+    """Represents a tracker that remembers a blow to its position sensor: until that is cleared, all poses are FAULT."""
 
     def clear_bump(self) -> None:
-        """A person has checked the sensor. Between reads only. Raises DeviceLost, ProtocolError."""
+        """Clears the blow, after a person has checked the sensor. May be called between reads only. Raises DeviceLost,
+        ProtocolError.
+        """
 
 
 BUMPED = "was bumped"
-"""In a remark, or the reason of a pose, of a BumpDetector for as long as the blow stands."""
+"""Words in a remark of a BumpDetector, or in the reason of a pose, until the blow is cleared."""
 
 
 class AlarmOutput(_Device, Protocol):
-    """One contact in the scanner room: energised means safe."""
+    """Drives one contact in the scanner room: energised means safe. Leaving the context de-energises the contact."""
 
     def write(self, energised: bool) -> None:
-        """Returns only after the device took the state. Raises DeviceLost. Leaving the context de-energises.
+        """Sets the contact, and returns only after the device took the state. Raises DeviceLost.
 
-        Comes at least four times a second while all is well; with the option heartbeat=HZ these writes make the wave.
+        It is called at least four times a second while all is well; with the option heartbeat=HZ these calls make the
+        wave.
         """
 
     def read_back(self) -> bool | None:
-        """Whether the contact is closed, as the hardware reports it; None where it does not report it. Raises
+        """Returns whether the contact is closed, as the hardware reports it; None where it does not report it. Raises
         DeviceLost.
         """

@@ -1,6 +1,7 @@
-"""Every refusal names what is wrong, where, and what to do; the exit codes are those of sysexits.h.
+"""Defines the errors of all packages. Each names what is wrong, where, and what to do; the exit codes are those of
+sysexits.h.
 
-They quote what devices and files say, so their words are made printable here.
+Errors quote what devices and files send, so their texts are made printable here.
 """
 
 import errno
@@ -9,11 +10,13 @@ import os
 from probewatch.drivers.printable import LONGEST_TEXT, printable
 
 EXHAUSTED = (errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.ENOBUFS)
-"""What the kernel answers where descriptors or memory have run out, which may be better a second later."""
+"""Error numbers of a kernel that has run out of descriptors or memory; a second later there may be some again."""
 
 
 class ProbewatchError(Exception):
-    """what: the fault in one clause. where: file, key, URL or device. remedy: what the technician does next."""
+    """Serves as the base class of all errors. what: the fault in one clause. where: file, key, URL or device. remedy:
+    what the technician does next.
+    """
 
     exit_code = 70
 
@@ -23,7 +26,7 @@ class ProbewatchError(Exception):
 
     @property
     def advice(self) -> str:
-        """What is wrong and what to do, for a place that the reader knows."""
+        """Returns what is wrong and what to do, without the place, for a context in which the reader knows it."""
         stop = "" if self.what.endswith("?") else "."
         return f"{self.what}{stop} {self.remedy}" if self.remedy else self.what
 
@@ -32,46 +35,52 @@ class ProbewatchError(Exception):
 
 
 class ConfigurationError(ProbewatchError):
-    """The configuration, the calibration file or a URL cannot be used: do not restart, mend it."""
+    """Reports that the configuration, the calibration file or a URL cannot be used: a restart does not help, a
+    correction does.
+    """
 
     exit_code = 78
 
 
 class RecordingError(ProbewatchError):
-    """A recording is damaged or is not of a kind that can be read."""
+    """Reports a recording that is damaged, or of a kind that cannot be read."""
 
     exit_code = 65
 
 
 class DeviceLost(ProbewatchError):  # noqa: N818  a state of the device, as operators say it
-    """A device is absent, busy, unplugged or silent; the owner closes it and opens it again with backoff."""
+    """Reports a device that is absent, busy, unplugged or silent. Its owner closes and reopens it with backoff."""
 
     exit_code = 69
 
 
 class TooBusy(ProbewatchError):  # noqa: N818  a state of the machine, as operators say it
-    """This machine was too busy to decide it; the same may succeed on one that is less so."""
+    """Reports that this machine was too busy to decide; the same may succeed on one that is less busy."""
 
     exit_code = 75
 
 
 class ProtocolError(ProbewatchError):
-    """Bytes from a device break its protocol; the whole reply is refused."""
+    """Reports bytes from a device that break its protocol; the whole reply is refused."""
 
     exit_code = 76
 
 
 def cannot_listen(error: object, where: str, remedy: str) -> ConfigurationError:
-    """The refusal of a server's address that is taken, not this computer's, or none at all."""
+    """Returns the error for an address on which a server cannot listen: it is taken, not one of this computer, or no
+    address at all.
+    """
     return ConfigurationError(f"cannot listen there ({system_words(error)})", where, remedy)
 
 
 def system_words(error: object) -> str:
-    """The system's message for an error, without its number. Errors of name resolution have negative numbers and those
-    of TLS numbers of their own, which os.strerror does not know; they carry their own message.
+    """Returns the system's message for an error, without its number.
+
+    Errors of name resolution have negative numbers, and those of TLS have numbers of their own, which os.strerror does
+    not know; they carry their own message.
     """
     of_tls = type(error).__module__ == "ssl"  # without loading ssl, which few commands need
     number = 0 if of_tls else getattr(error, "errno", None) or 0
     said = os.strerror(number) if number > 0 else getattr(error, "strerror", None) or str(error)
-    said = said.partition(" (while attempting")[0]  # which Python adds to an address that is none
+    said = said.partition(" (while attempting")[0]  # Python adds this where the address is invalid
     return said[:1].lower() + said[1:]

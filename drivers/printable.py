@@ -1,8 +1,8 @@
-"""Text from outside, made fit for a terminal, a log and the status.
+"""Makes text from outside fit for a terminal, a log and the status.
 
-A device, a server, a file or a client may send anything: escape sequences that rewrite the screen, controls that turn
-the direction of writing, line breaks that forge a second entry, megabytes. str.isprintable knows all of them (Unicode
-categories Cc, Cf, Cs, Co, Cn, Zl, Zp and every space but the ordinary one).
+A device, a server, a file or a client may send anything: escape sequences that rewrite the screen, controls that
+reverse the direction of writing, line breaks that forge a second entry, megabytes of text. str.isprintable recognises
+all such characters (Unicode categories Cc, Cf, Cs, Co, Cn, Zl, Zp and every space but the ordinary one).
 """
 
 import re
@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from typing import Any
 
 LONGEST_WORDS = 200
-"""Characters of one thing that a device says; a line of a terminal shows about a hundred."""
+"""Characters of a single text from a device; a line of a terminal shows about a hundred."""
 
 LONGEST_TEXT = 4000
 """Characters of one message or field of a log: room for every violation of a configuration, and for a traceback."""
@@ -21,12 +21,15 @@ _OWN_SEQUENCE = re.compile(
     r"|\x1b\]8;(?:id=[0-9]{1,20};file:///[A-Za-z0-9._~%/-]{0,1000}/gesture-[a-z]{1,20}\.svg|;)\x1b\\)"
 )
 """Escape sequences of click and rich that pass: colours, cursor movements, and hyperlinks (OSC 8) to the drawings of
-the gesture. Sequences that a terminal answers, that set its title or clipboard, and all other hyperlinks do not pass.
+the gesture. Sequences that a terminal answers or that set its title or clipboard, and all other hyperlinks, do not
+pass.
 """
 
 
 def printable(text: str, longest: int = LONGEST_WORDS) -> str:
-    """One line of at most so many characters: U+FFFD for what cannot be printed, an ellipsis for what was left out."""
+    """Returns the text as one line of at most `longest` characters, with U+FFFD for each that cannot be printed and an
+    ellipsis for what was left out.
+    """
     if len(text) <= longest and text.isprintable():
         return str(text)
     shown = _replaced(text[:longest], "")
@@ -34,22 +37,22 @@ def printable(text: str, longest: int = LONGEST_WORDS) -> str:
 
 
 def printable_bytes(data: bytes, longest: int = LONGEST_WORDS) -> str:
-    """The same of bytes in UTF-8, up to the first NUL, without blanks around it."""
+    """Returns UTF-8 bytes as printable text: up to the first NUL, without blanks around it."""
     return printable(data.split(b"\0")[0].decode(errors="replace").strip(), longest)
 
 
 def printable_lines(text: str) -> str:
-    """The same of each line of at most LONGEST_TEXT characters of text."""
+    """Returns the first LONGEST_TEXT characters of a text, made printable; line breaks and tabs pass."""
     return _replaced(text[:LONGEST_TEXT], "\n\t")
 
 
 def printable_value(value: Any) -> Any:
-    """What JSON can hold, with every text in it, keys too, made printable."""
-    if value is None or isinstance(value, int | float):  # most of a status, which is asked for many times a second
+    """Returns a value that JSON can hold with every text in it, keys included, made printable."""
+    if value is None or isinstance(value, int | float):  # most of a status, which is requested many times a second
         return value
     if isinstance(value, str):
         return printable(value, LONGEST_TEXT)
-    if isinstance(value, (dict, Mapping)):  # dict first: to ask the abstract class takes long
+    if isinstance(value, (dict, Mapping)):  # dict first: the check against the abstract class is slow
         return {printable(str(key)): printable_value(one) for key, one in value.items()}
     if isinstance(value, list | tuple):
         return [printable_value(one) for one in value]
@@ -57,8 +60,8 @@ def printable_value(value: Any) -> Any:
 
 
 def printable_screen(text: str, colours: bool) -> str:
-    """Output of a command, made printable: line breaks and tabs pass; with `colours`, the sequences of `_OWN_SEQUENCE`
-    pass too.
+    """Returns the output of a command, made printable: line breaks and tabs pass; with `colours`, the sequences of
+    `_OWN_SEQUENCE` pass too.
     """
     if not colours:
         return _replaced(text, "\n\t")

@@ -1,6 +1,6 @@
-"""URL → driver: which module serves which scheme, imported only when it is used.
+"""Finds the driver of a URL by its scheme, and imports its module only when it is used.
 
-The drivers say it themselves: each folder has its descriptors as DRIVERS in its `__init__.py` (drivers/descriptor.py).
+Each folder of drivers lists its descriptors as DRIVERS in its `__init__.py` (drivers/descriptor.py).
 """
 
 import importlib
@@ -24,7 +24,7 @@ _HERE = Path(__file__).parent
 
 @cache
 def drivers() -> dict[str, Driver]:
-    """Scheme → descriptor of every driver, trackers first, servers of several kinds last; no driver is imported."""
+    """Returns scheme → descriptor of every driver, trackers first, servers of several kinds last; imports no driver."""
     rooms = sorted(file.parent.relative_to(_HERE).parts for file in _HERE.glob("*/**/__init__.py"))
     packages = (importlib.import_module(".".join((__package__, *room))) for room in rooms if room[0] != "twins")
     rows = [row for package in packages for row in getattr(package, "DRIVERS", ())]
@@ -34,8 +34,8 @@ def drivers() -> dict[str, Driver]:
 
 
 def is_simulated(url: str) -> bool:
-    """Whether a source is a simulation or a recording, and no device that is there now; what a server forwards is not
-    known here, so its URL states it.
+    """Returns whether a source is a simulation or a recording rather than a device that is there now. What a server
+    forwards is not known here, so its URL states it.
     """
     driver = drivers().get(url.partition(":")[0])
     options = dict(_pairs(url.partition("?")[2]))
@@ -43,9 +43,10 @@ def is_simulated(url: str) -> bool:
 
 
 def split_url(url: str, kind: str = "") -> tuple[str, str, dict[str, str]]:
-    """`scheme:target?key=value` or `scheme://host:port?key=value` → (scheme, target, options).
+    """Splits `scheme:target?key=value` or `scheme://host:port?key=value` into (scheme, target, options).
 
-    Raises ConfigurationError naming what may have been meant, or the known schemes, of this kind if one is given.
+    Raises ConfigurationError that names the scheme that may have been meant, or else the known ones, of this kind if
+    one is given.
     """
     scheme, colon, rest = url.partition(":")
     target, _, query = rest.removeprefix("//").partition("?")
@@ -57,13 +58,15 @@ def split_url(url: str, kind: str = "") -> tuple[str, str, dict[str, str]]:
 
 
 def _pairs(query: str) -> list[tuple[str, str]]:
-    """(key, value) of each part, in order. A "+" stays one, since it may be in the name of a file."""
+    """Returns (key, value) of each part, in order. A "+" remains one, since it may be in the name of a file."""
     parts = (part.partition("=") for part in query.split("&") if part)
     return [(unquote(key), unquote(value)) for key, _, value in parts]
 
 
 def _options(query: str, url: str) -> dict[str, str]:
-    """Raises ConfigurationError for what would be passed over: an option without a value, or one that comes twice."""
+    """Returns the options of a query. Raises ConfigurationError for those that would otherwise be ignored: an option
+    without a value, or one given twice.
+    """
     options: dict[str, str] = {}
     for key, value in _pairs(query):
         if not key:
@@ -97,7 +100,7 @@ def _no_scheme(url: str, kind: str) -> ConfigurationError:
 
 
 def _likely(url: str) -> list[str]:
-    """URLs that may have been meant by what was written without a scheme."""
+    """Returns the URLs that may have been meant by a text without a scheme."""
     looks = (one for one in TARGETS if one.looks_like and re.fullmatch(one.looks_like, url, re.IGNORECASE))
     target = next(looks, None)
     return [one.url(url.removeprefix("tcp://")) for one in drivers().values() if target in one.targets]
@@ -112,17 +115,19 @@ def _listed(schemes: Collection[str]) -> str:
 
 
 def known_schemes() -> tuple[str, ...]:
-    """Every URL scheme that there is a driver for."""
+    """Returns every URL scheme for which there is a driver."""
     return tuple(drivers())
 
 
 def device_kinds(url: str) -> tuple[str, ...]:
-    """Which of "output", "tracker", "video" a URL can be opened as. Raises ConfigurationError for an unknown scheme."""
+    """Returns the kinds, of "output", "tracker" and "video", that a URL can be opened as. Raises ConfigurationError for
+    an unknown scheme.
+    """
     return drivers()[split_url(url)[0]].kinds
 
 
 def checked_url(url: str, kind: str) -> str:
-    """The URL itself. Raises ConfigurationError for one that cannot be opened as this kind; options are not read."""
+    """Returns the URL itself. Raises ConfigurationError where it cannot be opened as this kind; ignores options."""
     scheme, _, _ = split_url(url, kind)
     kinds = drivers()[scheme].kinds
     if kind not in kinds:
@@ -144,18 +149,24 @@ def _opened(url: str, kind: str, clock: HostClock) -> Any:
 
 
 def open_video(url: str, clock: HostClock) -> VideoSource:
-    """Raises ConfigurationError for a URL that can never work, DeviceLost for a device that is not there now."""
+    """Opens a video source. Raises ConfigurationError for a URL that can never work, DeviceLost for a device that is
+    not there now.
+    """
     source: VideoSource = _opened(url, "video", clock)
     return source
 
 
 def open_tracker(url: str, clock: HostClock) -> TrackerSource:
-    """Raises ConfigurationError for a URL that can never work, DeviceLost for a device that is not there now."""
+    """Opens a tracker. Raises ConfigurationError for a URL that can never work, DeviceLost for a device that is not
+    there now.
+    """
     source: TrackerSource = _opened(url, "tracker", clock)
     return source
 
 
 def open_output(url: str, clock: HostClock) -> AlarmOutput:
-    """Raises ConfigurationError for a URL that can never work, DeviceLost for a device that is not there now."""
+    """Opens an alarm output. Raises ConfigurationError for a URL that can never work, DeviceLost for a device that is
+    not there now.
+    """
     output: AlarmOutput = _opened(url, "output", clock)
     return output

@@ -1,4 +1,4 @@
-"""Rigid motions as arrays: rotations, quaternions, inverses, interpolation between poses. All functions are pure."""
+"""Computes with rigid motions as arrays: rotations, quaternions, inverses, interpolation of poses. All is pure."""
 
 from math import atan2, copysign, cos, hypot, sin
 from typing import Any
@@ -13,11 +13,11 @@ ComplexArray = NDArray[np.complex128]
 
 _IDENTITY = np.eye(3)
 _TINY = 1e-300
-"""rad². Keeps a rotation by nothing from 0 ÷ 0; its root, 1e-150 rad, rounds away beside any other angle."""
+"""rad². Keeps a rotation by zero from 0 ÷ 0. Its root, 1e-150 rad, is lost in rounding beside any other angle."""
 
 
 def skew(v: Array) -> Array:
-    """(…, 3) → (…, 3, 3) cross-product matrix [v]×."""
+    """Returns the cross-product matrices [v]× of vectors, (…, 3) → (…, 3, 3)."""
     matrix = np.zeros((*v.shape, 3))
     matrix[..., 0, 1], matrix[..., 0, 2] = -v[..., 2], v[..., 1]
     matrix[..., 1, 0], matrix[..., 1, 2] = v[..., 2], -v[..., 0]
@@ -26,7 +26,9 @@ def skew(v: Array) -> Array:
 
 
 def rotation_from_vector(rotvec_rad: Array) -> Array:
-    """Rodrigues: (…, 3) rad → (…, 3, 3); exact to machine precision at zero."""
+    """Computes rotation matrices from rotation vectors by Rodrigues' formula, (…, 3) rad → (…, 3, 3); exact to machine
+    precision at zero.
+    """
     if rotvec_rad.ndim == 1:
         angle_rad = hypot(*(vector := rotvec_rad.tolist()))
         share = sin(angle_rad / 2) / angle_rad if angle_rad else 0.5
@@ -39,7 +41,9 @@ def rotation_from_vector(rotvec_rad: Array) -> Array:
 
 
 def vector_from_rotation(R: Array) -> Array:
-    """(…, 3, 3) → (…, 3) rad, angle in [0, π]; goes through the quaternion, so it is accurate near 0 and near π."""
+    """Computes rotation vectors from rotation matrices, (…, 3, 3) → (…, 3) rad, with angles in [0, π]. It goes through
+    the quaternion, so it is accurate near 0 and near π.
+    """
     if R.ndim == 2:
         w, *xyz = _quaternion(*R.ravel().tolist())
         length = hypot(*xyz)
@@ -52,17 +56,17 @@ def vector_from_rotation(R: Array) -> Array:
 
 
 def angle_from_rotation(R: Array) -> float:
-    """(3, 3) → rad in [0, π]; from sine and cosine, so it is accurate near 0."""
+    """Computes the angle of a rotation, (3, 3) → rad in [0, π], from its sine and cosine, so it is accurate near 0."""
     m = R.tolist()
     axis = m[2][1] - m[1][2], m[0][2] - m[2][0], m[1][0] - m[0][1]
     return atan2(hypot(*axis), m[0][0] + m[1][1] + m[2][2] - 1)
 
 
 def quaternion_from_rotation(R: Array) -> Array:
-    """(…, 3, 3) → (…, 4) as (w, x, y, z), w >= 0.
+    """Computes unit quaternions from rotation matrices, (…, 3, 3) → (…, 4) as (w, x, y, z), w >= 0.
 
-    Of the four products of the quaternion with one of its parts, which are linear in R, the longest: it has no
-    cancellation (Shepperd 1978).
+    The products of the quaternion with each of its four parts are linear in R. The longest of the four is taken, since
+    it suffers no cancellation (Shepperd 1978).
     """
     m = np.asarray(R, dtype=np.float64)
     if m.ndim == 2:
@@ -84,7 +88,9 @@ def quaternion_from_rotation(R: Array) -> Array:
 def _quaternion(
     xx: float, xy: float, xz: float, yx: float, yy: float, yz: float, zx: float, zy: float, zz: float
 ) -> tuple[float, ...]:
-    """The same of a single matrix, row by row: some twenty times as quick as by arrays."""
+    """Does the same as `quaternion_from_rotation` for a single matrix, given row by row, some twenty times as quickly
+    as with arrays.
+    """
     w, x, y, z = 1 + xx + yy + zz, 1 + xx - yy - zz, 1 - xx + yy - zz, 1 - xx - yy + zz
     longest = max(w, x, y, z)
     if longest == w:
@@ -100,13 +106,15 @@ def _quaternion(
 
 
 def rotation_from_quaternion(q: Array) -> Array:
-    """(…, 4) unit (w, x, y, z) → (…, 3, 3)."""
+    """Computes rotation matrices from unit quaternions (w, x, y, z), (…, 4) → (…, 3, 3)."""
     rows = _rotation_rows(*np.moveaxis(q, -1, 0))
     return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
 
 
 def pose_matrix(quaternion: tuple[float, float, float, float], translation_mm: tuple[float, float, float]) -> Matrix4:
-    """(4, 4), mm. quaternion: (w, x, y, z) of any length but 0; the rotation is orthonormal whatever its rounding."""
+    """Returns the transform (4, 4), mm. quaternion: (w, x, y, z) of any length but 0; the rotation is orthonormal
+    whatever the rounding of the quaternion.
+    """
     length = hypot(*quaternion)
     x_row, y_row, z_row = _rotation_rows(*[part / length for part in quaternion])
     x_mm, y_mm, z_mm = translation_mm
@@ -114,7 +122,7 @@ def pose_matrix(quaternion: tuple[float, float, float, float], translation_mm: t
 
 
 def _rotation_rows(w: Any, x: Any, y: Any, z: Any) -> tuple[tuple[Any, Any, Any], ...]:
-    """Rotation matrix, by rows, of a unit quaternion, each part a number or an array of the same shape."""
+    """Returns the rotation matrix, by rows, of a unit quaternion of numbers, or of arrays of the same shape."""
     return (
         (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
         (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
@@ -123,13 +131,13 @@ def _rotation_rows(w: Any, x: Any, y: Any, z: Any) -> tuple[tuple[Any, Any, Any]
 
 
 def nearest_rotation(M: Array) -> Array:
-    """Proper rotation closest to M (3, 3) in the Frobenius norm (polar decomposition)."""
+    """Returns the proper rotation closest to M (3, 3) in the Frobenius norm (polar decomposition)."""
     u, _, vt = np.linalg.svd(M)
     return np.asarray(u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt, dtype=np.float64)
 
 
 def rigid(R: Array, t: Array) -> Array:
-    """(…, 3, 3), (…, 3) → (…, 4, 4)."""
+    """Assembles transforms from rotations and translations, (…, 3, 3), (…, 3) → (…, 4, 4)."""
     many = () if R.ndim == 2 and t.ndim == 1 else np.broadcast_shapes(R.shape[:-2], t.shape[:-1])
     matrix = np.zeros((*many, 4, 4))
     matrix[..., :3, :3], matrix[..., :3, 3], matrix[..., 3, 3] = R, t, 1.0
@@ -137,13 +145,13 @@ def rigid(R: Array, t: Array) -> Array:
 
 
 def inverse(T: Array) -> Array:
-    """Inverse of rigid (…, 4, 4) transforms."""
+    """Inverts rigid transforms, (…, 4, 4)."""
     Rt = np.swapaxes(T[..., :3, :3], -1, -2)
     return rigid(Rt, -(Rt @ T[..., :3, 3:])[..., 0])
 
 
 def seen_from(reference: Matrix4, probe: Matrix4) -> Matrix4:
-    """(4, 4) probe → reference, from both in the tracker's frame: reference⁻¹ probe."""
+    """Computes the transform (4, 4) probe → reference from both in the tracker's frame: reference⁻¹ probe."""
     moved = probe.copy()
     moved[:3, 3] -= reference[:3, 3]
     relative: Matrix4 = np.eye(4)
@@ -152,7 +160,9 @@ def seen_from(reference: Matrix4, probe: Matrix4) -> Matrix4:
 
 
 def interpolate(first: Array, second: Array, fraction: float) -> Array:
-    """Rigid pose between two poses (4, 4): translation linear, rotation along the shortest arc; fraction in [0, 1]."""
+    """Interpolates between two rigid poses (4, 4): the translation linearly, the rotation along the shortest arc.
+    fraction: in [0, 1].
+    """
     turn = vector_from_rotation(first[:3, :3].T @ second[:3, :3])
     R = first[:3, :3] @ rotation_from_vector(fraction * turn)
     return rigid(R, (1 - fraction) * first[:3, 3] + fraction * second[:3, 3])

@@ -1,4 +1,4 @@
-"""What a source yields: a frame or a pose, with the time at which the measurement was true."""
+"""Defines the samples that a source yields: a frame or a pose, with the time at which the measurement was true."""
 
 from dataclasses import dataclass
 from enum import Enum
@@ -15,7 +15,7 @@ Matrix4 = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Stamp:
-    """Host CLOCK_MONOTONIC at which the measurement was true, not when it arrived.
+    """Holds the host's CLOCK_MONOTONIC at which the measurement was true, not when it arrived.
 
     t_ns: nanoseconds. err_ns: bound of its error, nanoseconds, >= 0.
     """
@@ -24,15 +24,15 @@ class Stamp:
     err_ns: int
 
     def later_than(self, arrival_ns: int) -> bool:
-        """Whether it claims to be of the future of its own arrival, by more than its error."""
+        """Returns whether the stamp lies after its own arrival by more than its error."""
         return self.t_ns - self.err_ns > arrival_ns
 
 
 class PoseStatus(Enum):
-    """What a tracker says of one pose; only OK carries numbers into the line.
+    """Classifies what a tracker reports about one pose; only OK carries numbers into the line.
 
-    FAULT: it says itself that it is not well. NOT_UNDERSTOOD: what came is neither a rigid pose nor a word that we
-    know, and it is open whose fault that is.
+    FAULT: the tracker itself reports a fault. NOT_UNDERSTOOD: what came is neither a rigid pose nor a status word that
+    we know, and it is open where the fault lies.
     """
 
     OK = "ok"
@@ -47,9 +47,9 @@ class PoseStatus(Enum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Frame:
-    """One B-mode picture. sequence counts what the device sent, so a gap is a loss.
+    """Holds one B-mode picture. sequence: counts what the device sent, so a gap is a loss.
 
-    image: never written to again; it may be a view with strides: a part of a larger picture, or turned.
+    image: never written to again; it may be a view with strides, of a part of a larger picture or turned.
     """
 
     stamp: Stamp
@@ -59,7 +59,7 @@ class Frame:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pose:
-    """One tracker reading of the probe's marker body.
+    """Holds one tracker reading of the probe's marker body.
 
     matrix: (4, 4) sensor R → tracker T, or → reference tool where one is configured; None unless status is OK.
     sequence: the device's own frame counter. rms_mm: marker fit (Polaris) or indicator value (Aurora); NaN if unknown.
@@ -85,10 +85,11 @@ class Pose:
 
 @dataclass(frozen=True, slots=True)
 class MarkerBody:
-    """How well the probe, and the reference if there is one, can be measured at present; None where it is not known.
+    """Holds how well the probe, and the reference if there is one, can be measured at present; None where that is not
+    known.
 
-    fit_mm: RMS of the markers around the pose. shape_mm: RMS of the markers around the definition of the body, however
-    it lies. indicator: quality of an electromagnetic measurement, in the tracker's own unit; it rises with distortion.
+    fit_mm: RMS of the markers about the pose. shape_mm: RMS of the markers about the definition of the body, whatever
+    its pose. indicator: quality of an electromagnetic measurement, in the tracker's own unit; it rises with distortion.
     """
 
     fit_mm: float | None = None

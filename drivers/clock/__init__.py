@@ -1,1 +1,1 @@
-"""When something was true: the clock of the host, clocks and counters of devices, and the order of stamps."""
+"""Determines when something was true: clock of the host, clocks and counters of devices, order of stamps."""

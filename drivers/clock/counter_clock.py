@@ -1,4 +1,4 @@
-"""A device's frame counter turned into host time, and its rate."""
+"""Converts a device's frame counter into host time, and measures its rate."""
 
 import statistics
 from collections.abc import Sequence
@@ -11,9 +11,9 @@ COUNTS = 1 << 32
 
 
 class CounterClock(DeviceClock):
-    """A `DeviceClock` for a frame counter of 32 bits; its wrap-around goes unnoticed.
+    """Converts values of a 32-bit frame counter into stamps, as `DeviceClock` does for times; undoes the wrap-around.
 
-    nominal_hz: counts per second by the data sheet.
+    nominal_hz: counts per second according to the data sheet.
     """
 
     def __init__(self, nominal_hz: float) -> None:
@@ -23,7 +23,9 @@ class CounterClock(DeviceClock):
         self._counts = 0
 
     def stamp(self, counter: int, arrival_ns: int, absent_ns: int | None = None, asked_ns: int | None = None) -> Stamp:
-        """See DeviceClock.stamp, here for the value of the counter. A counter that runs backward starts again."""
+        """Returns the stamp as DeviceClock.stamp does, for a value of the counter. A counter that runs backward starts
+        the line again.
+        """
         steps = 0 if self._counter is None else (counter - self._counter) % COUNTS
         self._counts += steps - COUNTS if steps >= COUNTS // 2 else steps
         self._counter = counter
@@ -31,7 +33,7 @@ class CounterClock(DeviceClock):
 
 
 def counter_rate_hz(counters: Sequence[int], arrivals_ns: Sequence[int]) -> float:
-    """Counts per second of a counter without a data sheet, by the line through all its readings.
+    """Returns the counts per second of a counter without a data sheet, by the regression line through all its readings.
 
     counters: (n,), n >= 2, without wrap-around. arrivals_ns: (n,).
     """

@@ -1,13 +1,13 @@
-"""When a measurement was true: a device's clock turned into host time, with a bound of the error.
+"""Determines when a measurement was true: converts a device's clock into host time, with a bound of the error.
 
 A reading arrives late, never early. The delays of all readings are lowest when nothing was in the way, so the true line
 of host time over device time runs along the lower edge of the readings (the lower convex hull), as clock filters of NTP
-do with the shortest round trip. Where the device answers requests, it is bounded from below as well: what a reply did
-not contain was not there yet when its request was sent. The constant part of the delay cannot be seen from here:
+do with the shortest round trip. Where the device answers requests, the line is bounded from below as well: what a reply
+did not contain was not there yet when its request was sent. The constant part of the delay cannot be seen from here:
 subtract what is known of it, the transfer time of the reply, from `arrival_ns`.
 
-Where readings come later from some moment on, the device's clock has stood still, or they take longer: without requests
-it is not known which. The line starts again along the later readings, and the bound reaches back to where it was
+If readings come later from some moment on, either the device's clock paused or they take longer; without requests the
+two cannot be distinguished. The line starts again along the later readings, and the bound reaches back to where it was
 before.
 """
 
@@ -20,92 +20,92 @@ from itertools import pairwise
 from probewatch.drivers.clock.lower_hull import Reading, lower_hull
 from probewatch.drivers.samples import Stamp
 
-# Where figures stand below, this constant alone was changed, on session() and markov_session() of
+# Figures below come from changing that constant alone, on session() and markov_session() of
 # tests/drivers/clock/test_counter_clock.py (seeds 0 to 2, 60 Hz, delays of 16 ms mean with bursts to 70 ms),
-# polled_session() where requests count. As they stand here: median error 0.06 ms, 99 % of errors below 1.7 ms, median
+# polled_session() where requests count. With the values here: median error 0.06 ms, 99 % of errors below 1.7 ms, median
 # bound 2.5 ms.
 
 _WINDOW_NS = 20_000_000_000
-"""How far back readings count. A short window holds few undisturbed readings (5 s: bound 9.5 ms), a long one cannot
+"""How far back readings count. A short window holds few undisturbed readings (5 s: bound 9.5 ms); a long one cannot
 follow the drift of the rate (40 s: 99 % of errors below 3.4 ms, bound 2.1 ms)."""
 
 _BIN_NS = 250_000_000
-"""One reading is kept of each quarter of a second. Finer bins cost processor time (0.1 s: three times as much), coarser
-ones leave fewer readings to judge the lowest by (1 s: bound 3.8 ms)."""
+"""One reading is kept from each bin of a quarter of a second. Finer bins cost processor time (0.1 s: three times as
+much); coarser ones leave fewer readings from which to judge the lowest (1 s: bound 3.8 ms)."""
 
 _SHORTEST_EDGE_NS = 2_000_000_000
 """Length of the hull's edge from which a slope is taken; over 2 s, a delay of 1 ms left in one end tilts it by as much
 as _STEEPEST. Longer edges come too late (8 s: median error 0.14 ms); 0.5 s did no worse in these sessions."""
 
 _STEEPEST = 500e-6
-"""Most by which the rates of device and host are taken to differ; crystals stay within some 100 ppm. More room lets
+"""Largest assumed difference between the rates of device and host; crystals stay within some 100 ppm. More lets
 disturbed readings tilt the line. Not measured on devices; the tests run at 100 ppm."""
 
 _USUAL_SKEW = 200e-6
-"""How the bound grows with distance while there is no slope: two crystals of 100 ppm each. More widens the bound of the
-first seconds, less would promise what is not known. Not measured on devices."""
+"""Growth of the bound with distance while there is no slope: two crystals of 100 ppm each. More widens the bound of the
+first seconds; less would promise what is not known. Not measured on devices."""
 
 _SETTLED_SKEW = 50e-6
-"""Least doubt of the slope between requests. More widens the bound (200 ppm: 0.62 ms instead of 0.58), less gives a
+"""Least doubt of the slope between requests. More widens the bound (200 ppm: 0.62 ms instead of 0.58); less gives a
 drifting crystal no room (10 ppm: 0.56 ms, and coverage held on drifts of about 1 ppm)."""
 
 _RECENT_READINGS = 120
-"""2 s at 60 Hz: if none of so many came near the line, the device's clock has stepped. Fewer take a busy line for a
-step (30: 29 false restarts in six sessions), more notice a step later."""
+"""Readings, 2 s at 60 Hz: if none of them came near the line, the device's clock has stepped. Fewer take a busy line
+for a step (30: 29 false restarts in six sessions); more notice a step later."""
 
 _LATE_NS = 12_000_000
-"""What is near the line for that: less takes delays for a step, more misses a step smaller than it. 4 ms gave no false
-restart in these sessions, so the rest is spare; a step of 100 ms is found by test."""
+"""Distance that counts as near the line for that: less takes delays for a step, more misses a step smaller than it.
+4 ms gave no false restart in these sessions, so the rest is margin; a step of 100 ms is found by test."""
 
 _EARLY_NS = 2_000_000
-"""A reading earlier than line and bound by this is a step of the device's clock and no better reading. Less restarts
-for noise (0.2 ms did not in these sessions), more lets a step stand."""
+"""A reading earlier than line and bound by this is a step of the device's clock, not a better reading. Less restarts
+for noise (0.2 ms did not in these sessions); more lets a step stand."""
 
 _SETTLING_READINGS = 60
-"""1 s at 60 Hz in which an early reading betters the line and is not held against it. More leaves a step within them
-unnoticed; 5 did no worse in these sessions, whose delays are worst later."""
+"""Readings, 1 s at 60 Hz, in which an early one improves the line and is not taken for a step. More leaves a step
+within them unnoticed; 5 did no worse in these sessions, whose delays are worst later."""
 
 _JUMP_NS = 300_000_000
-"""Difference of the time passed on both clocks that is a jump. It must exceed the spread of delays (70 ms there); what
-is smaller is found by misfit, some readings later."""
+"""Difference between the times passed on the two clocks that is a jump. It must exceed the spread of delays (70 ms
+there); smaller steps are found by misfit, some readings later."""
 
 _LATE_FOR_NS = 250_000_000
-"""How long readings that come later than that are taken for held up, in a process that stood still or on a line,
-before the device's clock is taken to have stood still. What was held up comes in one burst; less restarts while a burst
-is still being read, more leaves a device that paused without usable times for longer. Not measured on devices."""
+"""How long readings later than that are taken as held up, in a process that was paused or on a line, before the
+device's clock is assumed to have paused. Held-up readings come in one burst; less restarts while a burst is still being
+read, more leaves a device that paused without usable times for longer. Not measured on devices."""
 
 _DOUBTED_NS = 120_000_000_000
-"""How long the bound reaches back to the line before, where readings came later all at once and none has come as early
+"""How long the bound reaches back to the line before, where readings suddenly came later and none has come as early
 since. Less states a narrow bound while a verification from before may stand (`max_verification_age_s`, 120 s); more
-keeps a wide one for longer after a clock that did stand still. From then on the added delay is a part of the constant
-one, which cannot be seen from here.
+keeps a wide one for longer after a clock that did pause. From then on the added delay is part of the constant one,
+which cannot be seen from here.
 """
 
 _BOUND_FLOOR_NS = 150_000.0
-"""Least bound without requests: for what waking up and reading the clock add to every arrival alike, which no spread
-shows. More says less than is known. Not measured on a cart."""
+"""Least bound without requests: for the time that waking up and reading the clock add to every arrival alike, which no
+spread shows. More claims less than is known. Not measured on a cart."""
 
 _FIRST_BOUND_NS = 100_000_000.0
-"""Bound while nothing is known, and the most that is stated unless readings came late (docs/trackers.md, Hardware
+"""Bound while nothing is known, and the largest that is stated unless readings came late (docs/trackers.md, Hardware
 time). It must exceed the delay of a first reading (70 ms there); more only makes first poses vaguer. A reading that is
-later than usual by more than this is doubted itself: its bound reaches to its arrival."""
+later than usual by more than this is itself in doubt: its bound reaches to its arrival."""
 
 _RANK = 12
-"""Which of the lowest readings shows how late the lowest may be. Few say little (4: bound 3.4 ms), many reach into
-readings that are late for reasons of their own (30: 3.2 ms)."""
+"""Rank of the reading, among the lowest, that shows how late the lowest may be. A low rank says little (4: bound
+3.4 ms); a high one reaches readings that are late for reasons of their own (30: 3.2 ms)."""
 
 _TILT = 2.0
-"""Doubts by which the ends of an edge may be off against each other: each by one, in opposite directions. 1 gives a
-bound of 1.7 ms and held in these sessions, but leaves one end out."""
+"""Doubts by which the ends of an edge may differ: each errs by one, in opposite directions. 1 gives a bound of 1.7 ms
+and held in these sessions, but leaves one end out."""
 
 _MISS = 0.003
-"""Chance that the doubt is exceeded: the bound is promised for 99.7 % of readings, as
+"""Probability that the doubt is exceeded: the bound is promised for 99.7 % of readings, as
 tests/drivers/clock/test_counter_clock.py counts. Less widens every bound.
 """
 
 _FLOORS = 8
-"""Newest bounds by requests that are kept, one of each bin. Fewer bound worse (2: 0.62 ms and more requests), more cost
-time at every reading and gain nothing (30: the same 0.58 ms)."""
+"""Newest bounds by requests that are kept, one from each bin. Fewer bound worse (2: 0.62 ms and more requests); more
+cost time at every reading and gain nothing (30: the same 0.58 ms)."""
 
 _BRACKET_FLOOR_NS = 50_000.0
 """Least bound between requests, for the calls between reading the clock and the line; it is added to every bound.
@@ -114,7 +114,7 @@ Without it coverage held as well in these sessions, which have no such calls. No
 
 @dataclass(frozen=True, slots=True)
 class _Line:
-    """Host time over device time, as it was until left_ns of the host: host_ns at zero_ns of the device.
+    """Represents host time over device time, as it was until left_ns of the host: host_ns at zero_ns of the device.
 
     slope: excess of the host's rate, which may be wrong by skew.
     """
@@ -126,22 +126,23 @@ class _Line:
     left_ns: int
 
     def at(self, device_ns: float) -> float:
-        """Host time of a device time."""
+        """Returns the host time of a device time."""
         since_ns = device_ns - self.zero_ns
         return self.host_ns + since_ns + self.slope * since_ns
 
     def moved(self, by_ns: float) -> "_Line":
-        """The same for a device's clock that was set back by as much."""
+        """Returns the same line for a device's clock that was set back by by_ns."""
         return replace(self, host_ns=self.host_ns + by_ns)
 
 
 class DeviceClock:
-    """Feed every new device time once; steps of the device's clock and restarts are noticed here.
+    """Converts device times into stamps. It must be fed every new device time once; it detects steps of the device's
+    clock.
 
     The device's rate may differ from the host's by 500 ppm. A reading that was held up on its way keeps its time, with
     a bound that reaches to its arrival. restarts: how often the line had to be started again.
-    early_ns: how far before the last stamp the truth may lie, by what requests came too early for; at most 100 ms. It
-    holds without any assumption on the delays, only on how far the rates of the clocks may differ from now on.
+    early_ns: how far before the last stamp the truth may lie, according to requests that came too early for it; at most
+    100 ms. It assumes nothing about the delays, only how far the rates of the clocks may differ from now on.
     """
 
     def __init__(self) -> None:
@@ -157,12 +158,13 @@ class DeviceClock:
     def stamp(
         self, device_ns: int, arrival_ns: int, absent_ns: int | None = None, asked_ns: int | None = None
     ) -> Stamp:
-        """Host time of the measurement, never before an earlier stamp; the bound holds for 99.7 % of all readings.
+        """Returns the host time of the measurement, never before an earlier stamp; the bound holds for 99.7 % of all
+        readings.
 
         device_ns: the device's clock, any zero. arrival_ns: CLOCK_MONOTONIC of the last byte, less the known transfer
         time. absent_ns: when the last request went out whose answer did not contain this measurement yet, None where
-        that is not known. asked_ns: when the request went out that it answers; the shortest time from there to the
-        arrival is how much of a delay may be common to all readings, taken as 0 where that is not known.
+        that is not known. asked_ns: when the request went out that the reading answers; the shortest time from there to
+        the arrival bounds the delay that may be common to all readings, which is taken as 0 where it is not known.
         """
         if self._count == 0:
             self._begin(device_ns, arrival_ns)
@@ -183,10 +185,10 @@ class DeviceClock:
 
     @property
     def usual_delay_ns(self) -> int:
-        """Median of how much later than their stamps the recent readings arrived.
+        """Returns the median of how much later than their stamps the recent readings arrived.
 
-        Added to the stamps it gives a filter through the middle of the readings, which leaves a latency that was
-        calibrated on arrival times as it was.
+        Added to the stamps, it gives a filter through the middle of the readings, which leaves a latency that was
+        calibrated on arrival times unchanged.
         """
         return round(statistics.median(self._recent)) if self._recent else 0
 
@@ -196,8 +198,8 @@ class DeviceClock:
         self._begin(device_ns, arrival_ns)
 
     def _remember(self, device_ns: int, arrival_ns: int) -> None:
-        """Which line may still be true. A reading that comes later does not show why; time that runs back, or further
-        ahead than the lateness there was, is a step of the clock, which leaves that lateness in doubt.
+        """Keeps the line that may still be true. A reading that comes later does not show why; time that runs back, or
+        further ahead than that lateness, is a step of the clock, which leaves the lateness in doubt.
         """
         late_ns = self._later_than_usual_ns(device_ns, arrival_ns)
         went_back = device_ns - self._zero_ns < self._device_ns
@@ -211,7 +213,7 @@ class DeviceClock:
             self._before = before.moved(late_ns - max(self._recent, default=0.0))  # as late as any other, at most
 
     def _doubted_ns(self, arrival_ns: int) -> float:
-        """How far the line lies above the one before, which may still be true."""
+        """Returns how far the line lies above the one before, which may still be true."""
         if self._before is None:
             return 0.0
         now_ns = self._origin_ns + self._device_ns + self._line(self._device_ns)
@@ -235,14 +237,14 @@ class DeviceClock:
         self._held_up_ns: int | None = None
 
     def _jumped(self, device_ns: int, arrival_ns: int) -> bool:
-        """The device's clock moved back, or by a time that the host's clock did not see pass, or it stood still."""
+        """Returns whether the device's clock moved back, or by a time unseen by the host's clock, or paused."""
         moved_ns = device_ns - self._zero_ns - self._device_ns
         late_ns = self._later_than_usual_ns(device_ns, arrival_ns)
         paused = self._held_up_ns is not None and arrival_ns - self._held_up_ns > _LATE_FOR_NS
         return moved_ns < 0 or late_ns < -self._most_ns(arrival_ns) or (paused and late_ns > self._most_ns(arrival_ns))
 
     def _held_up(self, device_ns: int, arrival_ns: int) -> bool:
-        """Far later than the line has it; the line is none the wiser for it."""
+        """Returns whether the reading came far later than the line predicts; such a one does not change the line."""
         if self._later_than_usual_ns(device_ns, arrival_ns) <= self._most_ns(arrival_ns):
             self._held_up_ns = None
             return False
@@ -251,9 +253,7 @@ class DeviceClock:
         return True
 
     def _held_up_estimate(self, device_ns: int, arrival_ns: int) -> Stamp:
-        """The estimate by the line. The bound reaches to the arrival: that is the truth if the device's clock stood
-        still.
-        """
+        """Returns the estimate by the line, with a bound to the arrival: the truth if the device's clock paused."""
         self._device_ns = float(device_ns - self._zero_ns)
         return _reaching(self._estimate(arrival_ns), arrival_ns)
 
@@ -262,7 +262,7 @@ class DeviceClock:
         return arrival_ns - self._origin_ns - device_ns - self._line(device_ns)
 
     def _most_ns(self, arrival_ns: int) -> float:
-        """How far from the line a reading may arrive; it grows with the time since the last that was near it."""
+        """Returns how far from the line a reading may arrive; it grows with the time since the last one near it."""
         return _JUMP_NS + 2 * _STEEPEST * (arrival_ns - self._last_arrival_ns)
 
     def _add(self, reading: Reading, arrival_ns: int) -> None:
@@ -276,7 +276,7 @@ class DeviceClock:
         self._recent.append(reading.late_ns - self._line(reading.device_ns))
 
     def _add_floor(self, floor: Reading, arrival_ns: int) -> None:
-        """The truth lies above. A line far below has been left behind by a step of the device's clock."""
+        """Adds a lower bound of the truth. A line far below it has been left behind by a step of the device's clock."""
         below_ns = floor.late_ns - self._line(floor.device_ns)
         if self._count > _SETTLING_READINGS and below_ns > _EARLY_NS + self._bound_ns():
             self._restart(round(self._device_ns) + self._zero_ns, arrival_ns)
@@ -289,14 +289,14 @@ class DeviceClock:
         self._floors.append(floor)
 
     def _misfits(self, reading: Reading) -> bool:
-        """Far earlier than the line allows, or none of the recent readings came near it."""
+        """Returns whether the reading is far earlier than the line allows, or no recent one came near the line."""
         excess_ns = reading.late_ns - self._line(reading.device_ns)
         full = len(self._recent) == _RECENT_READINGS
         too_early = self._count > _SETTLING_READINGS and excess_ns < -_EARLY_NS - self._bound_ns()
         return too_early or (full and min(*self._recent, excess_ns) > _LATE_NS)
 
     def _keep_lowest(self, reading: Reading) -> bool:
-        """One reading per bin stays, the lowest. Returns whether the line must be drawn again."""
+        """Keeps one reading per bin, the lowest. Returns whether the line must be fitted again."""
         lowest = self._lowest
         while lowest and reading.device_ns - lowest[0].device_ns > _WINDOW_NS:
             lowest.popleft()
@@ -308,7 +308,7 @@ class DeviceClock:
         return True
 
     def _fit(self) -> None:
-        """The line under all readings that lies closest to them: the hull's edge below their middle."""
+        """Fits the line that lies closest below all readings: the hull's edge below their middle."""
         middle_ns = sum(reading.device_ns for reading in self._lowest) / len(self._lowest)
         hull = lower_hull(self._lowest)
         edges = pairwise(hull)
@@ -324,7 +324,7 @@ class DeviceClock:
         return self._level_ns + self._slope * device_ns
 
     def _estimate(self, arrival_ns: int) -> Stamp:
-        """Never back in time, never after the arrival; what that moves the stamp is added to its bound."""
+        """Returns the stamp, never back in time, never after the arrival; what that moves it is added to its bound."""
         raw_ns = self._origin_ns + round(self._device_ns + self._line(self._device_ns))
         self._last_t_ns = min(max(raw_ns, self._last_t_ns), arrival_ns)
         bound_ns, bracket_ns = self._bound_ns() + self._shortest_ns, self._bracket_ns() + _BRACKET_FLOOR_NS
@@ -332,9 +332,7 @@ class DeviceClock:
         return Stamp(self._last_t_ns, round(bound_ns) + abs(self._last_t_ns - raw_ns))
 
     def _bound_ns(self) -> float:
-        """How far the line may lie above the truth, and how that grows with the distance from the two readings that
-        carry it.
-        """
+        """Returns how far the line may lie above the truth: the more, the farther from the readings that carry it."""
         middle_ns, length_ns = self._edge_ns
         away_ns = abs(self._device_ns - middle_ns)
         tilt = _TILT * self._doubt_ns / length_ns if length_ns >= _SHORTEST_EDGE_NS else _USUAL_SKEW
@@ -345,14 +343,14 @@ class DeviceClock:
 
     @property
     def _skew(self) -> float:
-        """How far the slope of the line may be wrong."""
+        """Returns how far the slope of the line may be wrong."""
         length_ns = self._edge_ns[1]
         if length_ns < _SHORTEST_EDGE_NS:
             return _STEEPEST
         return min(_SETTLED_SKEW + _TILT * self._doubt_ns / length_ns, _STEEPEST)
 
     def _bracket_ns(self) -> float:
-        """How far the truth can be from the line: it lies above what was not there yet, and below what had arrived."""
+        """Returns how far the truth can be from the line: above what was not there yet, below what had arrived."""
         skew = self._skew
         newest = list(self._lowest)[-_FLOORS:]
         above_ns = min(self._room_ns(reading, skew, 1.0) for reading in newest)
@@ -365,17 +363,18 @@ class DeviceClock:
 
 
 def _reaching(stamp: Stamp, arrival_ns: int) -> Stamp:
-    """The same with a bound to its arrival, which is the truth if the device's clock stood still."""
+    """Returns the stamp with a bound to its arrival, which is the truth if the device's clock paused."""
     return Stamp(stamp.t_ns, max(stamp.err_ns, arrival_ns - stamp.t_ns))
 
 
 def _doubt_ns(lateness_ns: list[float]) -> float:
-    """How late the lowest readings themselves may be, from how closely they lie together; exceeded in 0.3 % of cases.
+    """Returns how late the lowest readings themselves may be, judged by how closely they lie together; exceeded in
+    0.3 % of cases.
 
-    lateness_ns: of the lowest reading of every bin above the line, rising; two are 0, as they carry the line. Where the
-    chance of a delay below x grows as x², as of requests that come at any time, the squares of the lowest are spaced
-    like arrivals at random: the first exceeds 1 / (ρ − 1) times its distance to one m places further with the chance
-    (1 + 1 / (ρ² − 1))⁻ᵐ. Where the chance grows as x, as of exponential delays, it does so less often.
+    lateness_ns: that of the lowest reading of every bin above the line, rising; two are 0, as they carry the line.
+    Where the chance of a delay below x grows as x², as for requests that come at any time, the squares of the lowest
+    are spaced like random arrivals: the first exceeds 1 / (ρ − 1) times its distance to one m places further with the
+    chance (1 + 1 / (ρ² − 1))⁻ᵐ. Where the chance grows as x, as for exponential delays, it does so less often.
     """
     places = min(_RANK, len(lateness_ns) - 1) - 1
     if places < 1:

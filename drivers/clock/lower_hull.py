@@ -1,4 +1,4 @@
-"""Readings of a device's clock, and the lower convex hull of them."""
+"""Computes the lower convex hull of readings of a device's clock."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -6,7 +6,9 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """device_ns: device time since the start. late_ns: host time since the start minus that."""
+    """Holds one reading of a device's clock. device_ns: device time since the start. late_ns: host time since the
+    start, less device_ns.
+    """
 
     device_ns: float
     late_ns: float

@@ -1,8 +1,9 @@
-"""The step in which a clock reports its time, where it does so in steps: Windows moves its own every 15.6 ms or 1 ms.
+"""Finds the step in which a clock reports its time, where it does so in steps: Windows advances its own every 15.6 ms
+or 1 ms.
 
-A time reported in steps is up to one of them too early. Where all differences of times are multiples of one step, none
-included, and not all the same, that step may be the clock's; it may also be the period of a device that left some
-measurements out or reported them twice, so that who asks must not take it for more than a bound.
+A time reported in steps is up to one step too early. Where all differences of times are multiples of one step, zero
+included, and not all the same, that step may be the clock's. It may also be the period of a device that left some
+measurements out or reported them twice, so callers must take it for no more than a bound.
 """
 
 from collections import deque
@@ -10,23 +11,25 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 _DIFFERENCES = 60
-"""Newest differences that show the step: a second at 60 Hz. Fewer find one by chance, more take longer to find it."""
+"""Newest differences that show the step: a second at 60 Hz. Fewer find one by chance; more take longer to find it."""
 
 _FEWEST = 8
 """Differences from which a step is known. Fewer find one by chance (two differences always have one)."""
 
 _LEAST_NS = 900_000
-"""Least step that is looked for: 1 ms, slewed. A shorter one adds less than the other bounds; jitter of times that come
-exactly looks like steps the sooner, the shorter they may be."""
+"""Least step that is looked for, ns: 1 ms, slewed. A shorter one adds less than the other bounds, and the shorter it
+may be, the sooner the jitter of exact times looks like steps.
+"""
 
 _OFF = 0.05
-"""How far a difference may be from a multiple, as a part of the step: a clock that is slewed to a server's changes its
-steps by some 1 %. More finds steps in times that have none (one difference by chance in ten at .05)."""
+"""How far a difference may be from a multiple, as a share of the step: a clock that is slewed to a server's changes its
+steps by some 1 %. More finds steps in times that have none (at .05, one difference in ten fits by chance).
+"""
 
 
 class Ticks:
-    """tick_ns: the step, 0 where the times come in none. Once known it holds until a difference is no multiple
-    of it.
+    """Detects the step of a series of times. tick_ns: the step, 0 where the times have none. Once known, it holds until
+    a difference is no multiple of it.
     """
 
     def __init__(self) -> None:
@@ -35,7 +38,7 @@ class Ticks:
         self._differences: deque[int] = deque(maxlen=_DIFFERENCES)
 
     def take(self, time_ns: int) -> None:
-        """The next time that was reported, ns; also one that was reported before."""
+        """Takes the next time that was reported, ns, including one that was reported before."""
         last_ns, self._last_ns = self._last_ns, time_ns
         if last_ns is None or time_ns < last_ns:
             return
@@ -49,7 +52,7 @@ class Ticks:
 
 
 def _step_of(differences_ns: Sequence[int]) -> int:
-    """The step of which all are multiples, and not all the same one; 0 where there is none."""
+    """Returns the step of which all differences are multiples, though not all the same one; 0 where there is none."""
     if len(differences_ns) < _FEWEST:
         return 0
     ordered = sorted(differences_ns)

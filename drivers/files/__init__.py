@@ -1,1 +1,1 @@
-"""Files as such, whatever is in them: replaced whole, refused where they are none, parsed within bounds."""
+"""Handles files as such, whatever they contain: replaces them whole, refuses what is no file, parses within bounds."""

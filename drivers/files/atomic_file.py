@@ -1,4 +1,4 @@
-"""Files that are either the old one or the whole new one, also after a power cut."""
+"""Writes files that are either the old one or the whole new one, also after a power cut."""
 
 import errno
 import os
@@ -14,10 +14,10 @@ from probewatch.drivers.errors import ConfigurationError
 from probewatch.drivers.files.regular_file import refuse_irregular
 
 PAGE_BEGINS = b"<!doctype html>"
-"""Beginning of every page that a command writes, for `check_replaceable`."""
+"""First bytes of every page that a command writes, for `check_replaceable`."""
 
 PAGE_ENDS = (".html", ".htm")
-"""Endings of the names of such a page."""
+"""Suffixes of the names of such a page."""
 _KINDS = {
     **dict.fromkeys(PAGE_ENDS, "an HTML page"),
     ".pdf": "a PDF",
@@ -34,11 +34,11 @@ _KINDS = {
     **dict.fromkeys((".mp4", ".mkv", ".avi"), "a film"),
     **dict.fromkeys((".png", ".jpg", ".jpeg", ".svg"), "a picture"),
 }
-"""Ending of a name, in lower case → what everybody takes such a file for."""
+"""Suffix of a name, in lower case → the kind of file that everybody takes it for."""
 
 
 def sync_directory(directory: Path) -> None:
-    """Make renames inside directory durable."""
+    """Makes renames inside the directory durable."""
     handle = os.open(directory, os.O_RDONLY | os.O_DIRECTORY)
     try:
         os.fsync(handle)
@@ -47,9 +47,9 @@ def sync_directory(directory: Path) -> None:
 
 
 def make_folder(folder: Path, mode: int = 0o777) -> None:
-    """Make a folder with its parents, where missing; their names are on the disk when it returns. Raises OSError.
+    """Makes a folder and its parents, where missing; their names are on the disk when it returns. Raises OSError.
 
-    mode: of the folder itself.
+    mode: that of the folder itself.
     """
     if not folder.is_dir():
         make_folder(folder.parent)
@@ -59,9 +59,10 @@ def make_folder(folder: Path, mode: int = 0o777) -> None:
 
 @contextmanager
 def replacing(path: Path) -> Iterator[BinaryIO]:
-    """Binary stream of a temporary neighbour that takes path's name when the block ends well, else vanishes.
+    """Yields the binary stream of a temporary file beside path, which takes path's name when the block ends well and is
+    deleted otherwise.
 
-    The data are on the disk before the rename, the rename before the return. Raises OSError.
+    The data are on the disk before the rename, and the rename before the return. Raises OSError.
 
     It replaces whatever has the name, so it is for files of our own; `writing` is for those that people name.
     """
@@ -81,7 +82,7 @@ def replacing(path: Path) -> Iterator[BinaryIO]:
 
 @contextmanager
 def writing(path: Path) -> Iterator[BinaryIO]:
-    """Replace, like replacing, a file that a person named: a device, a pipe or a folder of that name is refused and
+    """Replaces, like replacing, a file that a person named: a device, a pipe or a folder of that name is refused and
     stays.
 
     Raises ConfigurationError, also for an OSError of the block.
@@ -95,7 +96,9 @@ def writing(path: Path) -> Iterator[BinaryIO]:
 
 
 def check_writable(path: Path | None) -> None:
-    """Whether `writing` can, asked before the work that it is for; None is no file. Raises ConfigurationError."""
+    """Checks in advance that `writing` can write the file, before the work whose result it is to hold. None is no file.
+    Raises ConfigurationError.
+    """
     if path is None:
         return
     try:
@@ -108,7 +111,7 @@ def check_writable(path: Path | None) -> None:
 
 
 def check_folder_writable(folder: Path) -> None:
-    """Whether files can be made in the folder. Raises ConfigurationError."""
+    """Checks that files can be made in the folder. Raises ConfigurationError."""
     try:
         _refuse_folder(folder)
     except OSError as error:
@@ -117,7 +120,7 @@ def check_folder_writable(folder: Path) -> None:
 
 
 def _refuse_folder(folder: Path) -> None:
-    """Raises OSError that says which of the reasons it is that nothing can be written there."""
+    """Raises OSError that states why nothing can be written in the folder, if that is so."""
     if not folder.exists():
         raise OSError(errno.ENOENT, f"there is no folder {folder}")
     if not folder.is_dir():
@@ -128,7 +131,7 @@ def _refuse_folder(folder: Path) -> None:
 
 
 def _is_of_another(path: Path) -> bool:
-    """Whether a sticky folder, such as /tmp, keeps this user from replacing it."""
+    """Returns whether a sticky folder, such as /tmp, keeps this user from replacing the file."""
     folder = path.absolute().parent.stat()
     uid = os.geteuid()
     sticky = folder.st_mode & stat.S_ISVTX and uid not in (0, folder.st_uid)
@@ -143,10 +146,10 @@ def _user() -> str:
 
 
 def check_kind(path: Path | None, what: str, *endings: str) -> None:
-    """Raises ConfigurationError where the name ends as that of another kind of file: neither a person nor a program
-    would take it for what is in it. Endings that nobody knows are free. None is no file.
+    """Raises ConfigurationError where the name has the suffix of another kind of file: neither a person nor a program
+    would take it for what it contains. Suffixes that nobody knows are permitted. None is no file.
 
-    what: is written there. endings: of that kind, in lower case; the first is proposed.
+    what: what is written there. endings: those of that kind, in lower case; the first is proposed.
     """
     ending = "" if path is None else path.suffix.lower()
     if path is None or ending in endings or ending not in _KINDS:
@@ -165,7 +168,7 @@ def check_new(path: Path | None) -> None:
 
 def check_replaceable(path: Path | None, begins: bytes) -> None:
     """Raises ConfigurationError where the file cannot be written, or exists and does not begin as what the command
-    writes there does: a slip of the pen costs no recording, calibration or configuration. None is no file.
+    writes there does, so that a typing error costs no recording, calibration or configuration. None is no file.
     """
     check_writable(path)
     if path is None or not path.exists():
@@ -181,7 +184,7 @@ def check_replaceable(path: Path | None, begins: bytes) -> None:
 
 
 def check_apart(outputs: Iterable[Path | None], inputs: Iterable[Path | None]) -> None:
-    """Raises ConfigurationError where a command would write what it reads, or two things to one file."""
+    """Raises ConfigurationError where a command would write what it reads, or write two things to one file."""
     taken = {path.resolve() for path in inputs if path is not None}
     for path in outputs:
         if path is None:

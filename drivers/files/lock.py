@@ -1,4 +1,4 @@
-"""A lock that keeps a second process of ours out of a place, for as long as the first one lives."""
+"""Provides a lock that keeps a second process of ours out of a place, for as long as the first one lives."""
 
 import errno
 import fcntl
@@ -7,15 +7,16 @@ from contextlib import suppress
 from pathlib import Path
 
 _OWNER = 0o600
-"""Who may open the file may hold it, for reading too."""
+"""Mode of the file: whoever may open it, even for reading, may hold it."""
 _TRIES = 10
-"""How often a file that is taken away while it is being locked is made again. More insists longer against somebody who
-takes it away in a loop."""
+"""How often a file that is removed while it is being locked is made again. More insists longer against somebody who
+removes it in a loop.
+"""
 
 
 def held_lock(file: Path) -> int:
-    """Descriptor of the file, made where it is missing, and locked until it is closed; none but its owner may open it.
-    A file that somebody takes away keeps nobody out: who holds it looks by is_held().
+    """Returns the descriptor of the file, which is made where it is missing, and locked until it is closed; none but
+    its owner may open it. A file that somebody removes keeps nobody out: the holder checks that with is_held().
 
     Raises BlockingIOError where another process holds it, another OSError where it cannot be made.
     """
@@ -28,7 +29,7 @@ def held_lock(file: Path) -> int:
 
 
 def is_held(file: Path, descriptor: int) -> bool:
-    """Whether the next one to ask for this file finds the lock of this descriptor. Raises OSError."""
+    """Returns whether the next process to ask for this file finds the lock of this descriptor. Raises OSError."""
     try:
         return os.path.samestat(file.stat(), os.fstat(descriptor))
     except FileNotFoundError:

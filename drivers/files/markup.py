@@ -1,5 +1,5 @@
-"""TOML and XML from files that anyone may have written: what would take memory or time out of proportion is refused
-before it is built.
+"""Parses TOML and XML from files that anyone may have written: what would take memory or time out of proportion is
+refused before it is built.
 """
 
 import re
@@ -8,14 +8,14 @@ import xml.etree.ElementTree as ET
 from typing import Any
 
 _MOST_PARTS = 8
-"""Parts of a dotted key. tomllib keeps every beginning of a key, so 8000 parts, which are 16 kB, took 300 MB."""
+"""Parts of a dotted key. tomllib keeps every prefix of a key, so 8000 parts, which are 16 kB, took 300 MB."""
 
 _MOST_NESTED = 16
-"""Brackets in brackets; a matrix of a calibration needs two."""
+"""Depth of nested brackets; a matrix of a calibration needs two."""
 
 _MOST_BITS = 63
-"""Of a whole number, as TOML has them. A longer one in hexadecimal cannot even be quoted in the refusal of a value, as
-Python prints 4300 digits at most: the service ended with it.
+"""Bits of a whole number, as TOML has them. A longer one in hexadecimal cannot even be quoted in the refusal of a
+value, as Python prints 4300 digits at most: the service ended because of that.
 """
 
 _STRING = (
@@ -27,19 +27,19 @@ _STRING = (
 _STRING_OR_COMMENT = re.compile("|".join((*_STRING, r"#[^\n]*")), re.DOTALL)
 _LONG_KEY = re.compile(rf"(?<![\w-])(?:[\w-]++[ \t]*+\.[ \t]*+){{{_MOST_PARTS}}}")
 _ENCODING = re.compile(rb"\xff\xfe|\xfe\xff|\s*<\?xml[^>]{0,200}encoding")
-"""Begins a document that says in which encoding it is; of any other XML says that it is UTF-8."""
+"""Matches the start of a document that states its encoding; any other document is UTF-8 by the rules of XML."""
 _BRACKET = re.compile(r"[\[\]{}]")
 
 _MOST_ELEMENTS, _DEEPEST_ELEMENT = 10_000, 32
-"""A device set of PLUS has 60 or so, five deep; 10,000 elements take a few MB."""
+"""Elements, and their depth. A device set of PLUS has 60 or so, five deep; 10,000 elements take a few MB."""
 
 
 SAVE_AS_UTF_8 = "Save it as UTF-8"
-"""The remedy for a file that is not UTF-8."""
+"""Remedy for a file that is not UTF-8."""
 
 
 class NotUtf8Error(ValueError):
-    """Bytes that are no UTF-8 text; says where, in words for a person."""
+    """Reports bytes that are no UTF-8 text, and where they are, in words for a person."""
 
 
 def text_of(data: bytes) -> str:
@@ -54,8 +54,8 @@ def text_of(data: bytes) -> str:
 
 
 def number_of(text: str) -> float:
-    """The number that a text holds. Raises ValueError, also for what Python alone takes for one: digits of other
-    scripts, and underscores between digits, as of two numbers of which the blank was lost.
+    """Returns the number that a text holds. Raises ValueError, also for what only Python takes for one: digits of other
+    scripts, and underscores between digits, as of two numbers between which the blank was lost.
     """
     if not text.isascii() or "_" in text:
         raise ValueError("not a number as others write it")
@@ -63,13 +63,13 @@ def number_of(text: str) -> float:
 
 
 def numbers_of(text: str) -> list[float]:
-    """The numbers that a text holds, with blanks between them. Raises ValueError as `number_of` does."""
+    """Returns the numbers that a text holds, separated by blanks. Raises ValueError as `number_of` does."""
     return [number_of(word) for word in text.split()]
 
 
 def toml_of(data: bytes, most_bytes: int) -> dict[str, Any]:
-    """The table of a TOML file. Raises ValueError: NotUtf8Error, larger, deeper or with longer numbers than a
-    configuration ever is, or no TOML.
+    """Returns the table of a TOML file. Raises ValueError: NotUtf8Error, or for a file that is no TOML, or is larger,
+    deeper or with longer numbers than a configuration ever is.
     """
     if len(data) > most_bytes:
         raise ValueError(f"too large (over {most_bytes // 1000} kB)")
@@ -81,13 +81,13 @@ def toml_of(data: bytes, most_bytes: int) -> dict[str, Any]:
 
 
 def xml_of(data: bytes) -> ET.Element:
-    """The root of an XML document.
+    """Returns the root of an XML document.
 
-    Raises ValueError: NotUtf8Error where it names no other encoding, not well-formed, more or deeper elements than a
-    device set has, or a document type. That is reported by the parser, so in whatever encoding; with it go all
-    entities.
+    Raises ValueError: NotUtf8Error where it names no other encoding, or for a document that is not well-formed, has
+    more or deeper elements than a device set has, or has a document type. The parser reports a document type, so it is
+    found in any encoding; with it all entities are refused.
     """
-    if not _ENCODING.match(data) and b"\0" not in data[:2]:  # the parser knows UTF-16 by its zeros
+    if not _ENCODING.match(data) and b"\0" not in data[:2]:  # the parser recognises UTF-16 by its zeros
         text_of(data)
     parser = ET.XMLParser(target=_Builder())
     try:
@@ -100,8 +100,8 @@ def xml_of(data: bytes) -> ET.Element:
 
 
 def _check_nesting(text: str) -> None:
-    """Refuses tables that are nested too deep. text: without strings and comments, in which dots and brackets mean
-    nothing.
+    """Raises ValueError for tables that are nested too deep. text: without strings and comments, in which dots and
+    brackets mean nothing.
     """
     if _LONG_KEY.search(text):
         raise ValueError(f"a key of more than {_MOST_PARTS} parts")
@@ -113,7 +113,9 @@ def _check_nesting(text: str) -> None:
 
 
 def _check_numbers(value: object) -> None:
-    """value: of a table that is not nested deeper than `_check_nesting` allows."""
+    """Raises ValueError for a whole number that is too long. value: that of a table that is not nested deeper than
+    `_check_nesting` allows.
+    """
     if isinstance(value, int) and value.bit_length() > _MOST_BITS:
         raise ValueError(f"a whole number of more than {_MOST_BITS} bits")
     if isinstance(value, dict | list):
@@ -140,5 +142,5 @@ class _Builder(ET.TreeBuilder):
         return super().end(tag)
 
     def doctype(self, name: str, public: str | None, system: str | None) -> None:
-        """Called by the parser before it reads what a document type declares."""
+        """Raises ValueError. The parser calls it before it reads what a document type declares."""
         raise ValueError("it has a DOCTYPE, which PLUS never writes")

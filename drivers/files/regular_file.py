@@ -1,6 +1,6 @@
-"""Files that people name, opened only where they are files: no device is touched, and no writer is waited for.
+"""Opens files that people name only where they are files: no device is touched, and no writer is waited for.
 
-What is refused is an OSError whose strerror says why, so it is reported like any other file that cannot be opened.
+A refusal is an OSError whose strerror states the reason, so it is reported like any other file that cannot be opened.
 """
 
 import errno
@@ -19,7 +19,7 @@ _KINDS = {
 
 
 def refuse_irregular(path: Path) -> None:
-    """Refuses what is there and is no regular file; a link counts as what it leads to.
+    """Refuses a path that exists and is no regular file; a link counts as what it leads to.
 
     Raises OSError.
     """
@@ -30,10 +30,10 @@ def refuse_irregular(path: Path) -> None:
 
 
 def open_regular(path: Path, flags: int = os.O_RDONLY, mode: int = 0o644) -> int:
-    """Open, like os.open, a regular file alone; the caller closes the descriptor.
+    """Opens, like os.open, but only a regular file; the caller closes the descriptor.
 
-    It is looked at before it is opened, because opening alone makes some devices act, and again after that, because it
-    may have been replaced in between. Raises OSError.
+    The file is checked before it is opened, because merely opening makes some devices act, and again after that,
+    because it may have been replaced in between. Raises OSError.
     """
     refuse_irregular(path)
     descriptor = os.open(path, flags | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC, mode)
@@ -46,12 +46,12 @@ def open_regular(path: Path, flags: int = os.O_RDONLY, mode: int = 0o644) -> int
 
 
 def reading(path: Path) -> BinaryIO:
-    """The open file, to be closed by the caller. Raises OSError."""
+    """Returns the open file, to be closed by the caller. Raises OSError."""
     return os.fdopen(open_regular(path), "rb")
 
 
 def read_bounded(path: Path, most_bytes: int) -> bytes:
-    """The whole file, and never more than most_bytes of memory for it. Raises OSError."""
+    """Returns the whole file, and never uses more than most_bytes of memory for it. Raises OSError."""
     with reading(path) as stream:
         data = stream.read(most_bytes + 1) or b""
     if len(data) > most_bytes:

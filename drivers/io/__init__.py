@@ -1,1 +1,1 @@
-"""What carries bytes, for every protocol: serial ports, TCP, byte logs, and what is connected to this host."""
+"""Carries bytes for every protocol (serial ports, TCP, byte logs), and lists what is connected to this host."""

@@ -1,10 +1,11 @@
-"""Byte logs: everything that crosses a line, with direction and time, as text for a person and for a replay.
+"""Writes and reads byte logs: everything that crosses a line, with direction and time, as text for a person and for a
+replay.
 
 The first line of every connection is `# probewatch byte log 1 URL`. Each further line is one entry of three fields,
 separated by one space: seconds of the host's CLOCK_MONOTONIC with six decimals; `>` host to device, `<` device to host,
 or `!` for a remark; the bytes in hexadecimal, or the words of the remark. Entries are in the order of time.
 
-A log is appended to. When FILE has reached half the bound it becomes FILE.1 and a new FILE begins, so that the latest
+A log is appended to. When FILE has reached half the limit, it becomes FILE.1 and a new FILE begins, so that the latest
 bytes are always there and the disk is never filled.
 """
 
@@ -24,14 +25,15 @@ from probewatch.drivers.printable import LONGEST_TEXT, printable
 
 HEADING = "# probewatch byte log 1"
 LIMIT_BYTES = 64 << 20
-"""Size of both files of a log. A 60 Hz Polaris with one tool fills about 10 kB a second, so that the last
-55 minutes are always there, by the length of its lines; more takes more of the cart's disk."""
+"""Size of both files of a log. A 60 Hz Polaris with one tool fills about 10 kB a second, so that the last 55 minutes
+are always there, judged by the length of its lines; more takes more of the cart's disk.
+"""
 
 _ENTRY = re.compile(r"(\d+\.\d{6}) ([><!]) (.*)")
 
 
 class Direction(Enum):
-    """Who said it; NOTE is a remark of the driver, such as a change of the line speed."""
+    """Enumerates the directions of an entry; NOTE is a remark of the driver, such as a change of the line speed."""
 
     SENT = ">"
     RECEIVED = "<"
@@ -40,7 +42,9 @@ class Direction(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """t_ns: CLOCK_MONOTONIC directly after the bytes were read, or before they were written. data: a NOTE in UTF-8."""
+    """Holds one entry of a log. t_ns: CLOCK_MONOTONIC directly after the bytes were read, or before they were written.
+    data: the bytes; for a NOTE its words in UTF-8.
+    """
 
     t_ns: int
     direction: Direction
@@ -48,10 +52,10 @@ class Entry:
 
 
 class ByteLog(Closable):
-    """Writes one log. A disk that fails ends the log, never the tracking; failed says so."""
+    """Writes one log. A disk that fails ends the log, never the tracking; `failed` is then true."""
 
     def __init__(self, path: Path, url: str, clock: HostClock, limit_bytes: int = LIMIT_BYTES) -> None:
-        """Raises ConfigurationError when the file cannot be written."""
+        """Opens the log. Raises ConfigurationError when the file cannot be written."""
         self.failed = False
         self._path, self._clock, self._limit_bytes = path, clock, limit_bytes
         try:
@@ -62,19 +66,19 @@ class ByteLog(Closable):
             raise ConfigurationError(f"the byte log cannot be written ({error.strerror})", str(path), remedy) from None
 
     def sent(self, data: bytes) -> None:
-        """Bytes that are about to be written."""
+        """Records bytes that are about to be written."""
         self._note(Direction.SENT, data.hex())
 
     def received(self, data: bytes) -> None:
-        """Bytes that have just been read."""
+        """Records bytes that have just been read."""
         self._note(Direction.RECEIVED, data.hex())
 
     def remark(self, words: str) -> None:
-        """What happened to the line itself; one line of text."""
+        """Records what happened to the line itself, as one line of text."""
         self._note(Direction.NOTE, printable(words.replace("\n", " "), LONGEST_TEXT))
 
     def close(self) -> None:
-        """End the log; calling it again does nothing."""
+        """Ends the log; calling it again does nothing."""
         self._stream.close()
 
     def _note(self, direction: Direction, text: str) -> None:
@@ -101,7 +105,7 @@ class ByteLog(Closable):
 
 
 def read_log(path: Path) -> tuple[Entry, ...]:
-    """The entries of a log. Raises RecordingError naming the line that is none."""
+    """Returns the entries of a log. Raises RecordingError that names a damaged line."""
     try:
         with reading(path) as stream:
             lines = text_of(stream.read()).splitlines()

@@ -1,4 +1,4 @@
-"""What is connected to this host, read from /dev, /sys and /proc alone: no device is opened, so none is disturbed."""
+"""Lists what is connected to this host, from /dev, /sys and /proc alone: no device is opened, so none is disturbed."""
 
 import grp
 import os
@@ -15,15 +15,18 @@ ROOT = Path("/")
 _SERIAL = re.compile(r"tty(USB|ACM|AMA|S|mxc|THS)\d+")
 _NO_HARDWARE = "0"
 _LEVELS_UP = 5
-"""Folders of /sys above a port in which its USB device is looked for. It lies two above a USB serial port; drivers that
-put it deeper are found as well, many more would find the hub or the host controller instead."""
+"""Folders of /sys above a port in which its USB device is searched for. It is two above a USB serial port. Drivers that
+put it deeper are covered as well; many more would find the hub or the host controller instead.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """One device. path: the name to configure, the lasting one where there is one. node: the kernel's name in /dev.
+    """Holds one device. path: the name to configure, the permanent one where there is one. node: the kernel's name in
+    /dev.
 
-    title: what it says it is. obstacle: why this user cannot open it now, in words; empty if nothing is in the way.
+    title: what the device reports that it is. obstacle: why this user cannot open it now, in words; empty if it can be
+    opened.
     """
 
     path: str
@@ -33,21 +36,21 @@ class Found:
 
 
 def serial_ports(root: Path = ROOT) -> tuple[Found, ...]:
-    """Serial ports with hardware behind them, by the id that survives replugging where they have one."""
+    """Returns the serial ports with hardware behind them, under the id that survives replugging where they have one."""
     folder = root / "sys/class/tty"
     names = [name for name in _names(folder, _SERIAL) if _read(folder / name / "type") != _NO_HARDWARE]
     return _found(root, {name: _usb_title(folder / name) for name in names}, "dev/serial/by-id")
 
 
 def video_devices(root: Path = ROOT) -> tuple[Found, ...]:
-    """V4L2 nodes. A camera may have a second node that carries no pictures."""
+    """Returns the V4L2 nodes. A camera may have a second node that carries no pictures."""
     folder = root / "sys/class/video4linux"
     titles = {name: _video_title(folder / name) for name in _names(folder, re.compile(r"video\d+"))}
     return _found(root, titles, "dev/v4l/by-id")
 
 
 def gpio_chips(root: Path = ROOT) -> tuple[Found, ...]:
-    """GPIO chips with the label that their driver gives them and the number of lines, as far as sysfs says."""
+    """Returns the GPIO chips, with the label from their driver and the number of lines, as far as sysfs states them."""
     folder, labels = root / "sys/bus/gpio/devices", dict(_gpio_labels(root / "sys/class/gpio"))
     titles = {}
     for name in _names(folder, re.compile(r"gpiochip\d+")):
@@ -61,7 +64,7 @@ CONNECTED: dict[Target, Callable[[Path], tuple[Found, ...]]] = {
     VIDEO_NODE: video_devices,
     GPIO_CHIP: gpio_chips,
 }
-"""What can be looked for on this host."""
+"""Kinds of target that can be searched for on this host → the function that lists them."""
 
 
 def _found(root: Path, titles: dict[str, str], by_id: str) -> tuple[Found, ...]:
@@ -86,7 +89,7 @@ def _obstacle(root: Path, name: str, holders: dict[str, str]) -> str:
 
 
 def _holders(root: Path) -> dict[str, str]:
-    """Device node → name and number of the process that has it open, as far as this user may look."""
+    """Returns device node → name and number of the process that has it open, as far as this user may look."""
     found = {}
     for process in _entries(root / "proc"):
         if not process.name.isdecimal():
@@ -99,7 +102,7 @@ def _holders(root: Path) -> dict[str, str]:
 
 
 def _usb_title(device: Path) -> str:
-    """Manufacturer and product of the adapter, from the nearest parent that is a USB device."""
+    """Returns manufacturer and product of the adapter, from the nearest parent that is a USB device."""
     place = (device / "device").resolve()
     for parent in (place, *place.parents[:_LEVELS_UP]):
         product = _read(parent / "product")
@@ -115,7 +118,7 @@ def _video_title(device: Path) -> str:
 
 
 def _gpio_labels(folder: Path) -> Iterator[tuple[Path, str]]:
-    """(device behind the chip, label and number of lines)."""
+    """Yields (device behind the chip, label and number of lines)."""
     for chip in _entries(folder):
         label, lines = _read(chip / "label"), _read(chip / "ngpio")
         if label:
@@ -134,7 +137,7 @@ def _names(folder: Path, pattern: re.Pattern[str]) -> list[str]:
 
 
 def _entries(folder: Path) -> list[Path]:
-    """Returns what is in the folder; nothing where it is absent, or this user may not read it."""
+    """Returns the contents of the folder; nothing where it is absent, or this user may not read it."""
     try:
         return sorted(folder.iterdir())
     except OSError:

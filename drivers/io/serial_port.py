@@ -1,4 +1,4 @@
-"""Opens a serial port for one owner, and says in plain words why it cannot."""
+"""Opens a serial port for one owner, and reports in plain words why it cannot."""
 
 import errno
 import termios
@@ -9,18 +9,19 @@ import serial
 from probewatch.drivers.errors import DeviceLost
 
 BITS_PER_BYTE = 10
-"""On the line, 8N1: a start bit, eight of data, a stop bit."""
+"""Bits on the line for one byte, 8N1: a start bit, eight data bits, a stop bit."""
 
 _WRITE_S = 1.0
-"""For the port to take bytes; the kernel's buffer holds thousands, so one that does not is stuck. More holds up the
-thread of the device; 9600 baud empty 960 bytes meanwhile."""
+"""Seconds for the port to take bytes. The kernel's buffer holds thousands, so a port that does not take them is stuck.
+More holds up the thread of the device; at 9600 baud 960 bytes leave meanwhile.
+"""
 
 
 def open_serial(path: str, baud: int, raise_lines: bool = True) -> serial.Serial:
-    """An 8N1 port that no other program can open at the same time; reads do not block.
+    """Opens an 8N1 port that no other program can open at the same time; reads do not block.
 
-    raise_lines: leave RTS and DTR raised, as the kernel does on opening; else they are dropped right after that.
-    Raises DeviceLost when the port is absent, in use, or not permitted to this user.
+    raise_lines: leave RTS and DTR raised, as the kernel does on opening; else they are dropped right after that. Raises
+    DeviceLost when the port is absent, in use, or not permitted to this user.
     """
     try:
         port = serial.Serial(None, baud, timeout=0, write_timeout=_WRITE_S, exclusive=True)
@@ -33,8 +34,8 @@ def open_serial(path: str, baud: int, raise_lines: bool = True) -> serial.Serial
 
 
 def drain(port: serial.Serial) -> None:
-    """Wait until the last byte has left. A signal, as of a reload or after a stop, ends tcdrain(3) too early; it goes
-    on.
+    """Waits until the last byte has left. A signal, as of a reload or after a stop, ends tcdrain(3) too early, so it is
+    called again.
 
     Raises OSError, termios.error when the port fails.
     """
@@ -47,7 +48,7 @@ def drain(port: serial.Serial) -> None:
 
 
 def _refusal(path: str, error: OSError) -> DeviceLost:
-    """pyserial reports a lock only in its message, so the kernel's number is asked first."""
+    """Returns the fitting error. pyserial reports a lock only in its message, so the kernel's number comes first."""
     busy = error.errno in (errno.EBUSY, errno.EAGAIN) or "exclusively lock" in str(error)
     if busy:
         return DeviceLost("the serial port is in use by another program", path, "Close that program, then try again")

@@ -1,4 +1,4 @@
-"""One serial port for several channels of one board: opened once, one exchange at a time."""
+"""Shares one serial port between several channels of one board: opened once, it carries one exchange at a time."""
 
 import os
 import select
@@ -14,11 +14,12 @@ from probewatch.drivers.io.serial_port import drain, open_serial
 
 _open: dict[str, "SharedPort"] = {}
 _gates: dict[str, threading.Lock] = {}
-"""One for each path, since opening or closing one port may hang and must not hold up the others."""
+"""Locks, one for each path, since opening or closing one port may hang and must not hold up the others."""
 
 
 class SharedPort:
-    """Take one with `shared_port`, hold `exchange` from the first byte of a question to the last of its answer.
+    """Represents a port with several users. Obtain it from `shared_port`, and hold `exchange` from the first byte of a
+    question to the last of its answer.
 
     A port that has failed once is closed for all its users; each of them finds out at its next exchange.
     """
@@ -30,7 +31,7 @@ class SharedPort:
         self.exchange = threading.Lock()
 
     def send(self, data: bytes) -> None:
-        """Raises DeviceLost."""
+        """Sends the bytes. Raises DeviceLost."""
         try:
             self._port.write(data)
             drain(self._port)
@@ -38,7 +39,7 @@ class SharedPort:
             raise self._failed(error) from error
 
     def receive(self, real_s: float) -> bytes:
-        """What is there within real_s, which may be nothing. Raises DeviceLost."""
+        """Returns what comes within real_s, which may be nothing. Raises DeviceLost."""
         try:
             if not select.select([self._port.fileno()], [], [], real_s)[0]:
                 return b""
@@ -50,14 +51,14 @@ class SharedPort:
         return data
 
     def give_back(self) -> None:
-        """The last user closes it."""
+        """Removes one user; the last one closes the port."""
         with _gate(self._path):
             self._users -= 1
             if self._users == 0:
                 self._close()
 
     def add_user(self) -> None:
-        """Under the gate of its path only."""
+        """Adds a user. May be called only while holding the gate of the path."""
         self._users += 1
 
     def _failed(self, error: Exception) -> DeviceLost:
@@ -77,7 +78,7 @@ def _gate(path: str) -> threading.Lock:
 
 
 def shared_port(path: str, baud: int) -> SharedPort:
-    """The open port of that path, or a new one; each user gives it back. Raises DeviceLost."""
+    """Returns the open port of that path, or a new one; each user gives it back. Raises DeviceLost."""
     real = str(Path(path).resolve())
     with _gate(real):
         port = _open.get(real)

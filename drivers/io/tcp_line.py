@@ -1,4 +1,4 @@
-"""A TCP connection to a device, opened within one deadline that covers the name, every address and the handshake."""
+"""Opens a TCP connection to a device, within one deadline that covers the name, every address and the handshake."""
 
 import re
 import socket
@@ -13,19 +13,21 @@ _REFUSED = "Check that the device's server is running and that the port is right
 _UNREACHABLE = "Check the network cable, the address and the firewall"
 
 SEND_S = 0.1
-"""What the other side may take to accept a request of some hundred bytes. Its buffer takes thousands, so one that does
-not is dead; more would hold up the thread beyond the deadline of the device."""
+"""Seconds for the other side to accept a request of some hundred bytes. Its buffer takes thousands, so a side that does
+not accept is dead; more would hold up the thread beyond the deadline of the device.
+"""
 
 _UNACKNOWLEDGED_MS = 500
 """Linux repeats a lost segment after 200 ms and then 400 ms: one repetition fits. Less drops a connection for one lost
-packet, more keeps one with a dead peer. The trackers' own deadline comes first."""
+packet; more keeps one with a dead peer. The trackers' own deadline comes first.
+"""
 
 _RTT, _RTT_AT = struct.Struct("=I"), 68
 """Smoothed round trip in microseconds, tcpi_rtt of struct tcp_info: linux/tcp.h."""
 
 
 def parse_address(target: str, default_port: int, where: str) -> tuple[str, int]:
-    """`host`, `host:port`, `[ipv6]:port` → (host, port). Raises ConfigurationError."""
+    """Parses `host`, `host:port`, `[ipv6]:port` into (host, port). Raises ConfigurationError."""
     found = _ADDRESS.fullmatch(target)
     port = int(found[2] or default_port) if found else 0
     if found is None or not 0 < port < 65536:
@@ -35,9 +37,10 @@ def parse_address(target: str, default_port: int, where: str) -> tuple[str, int]
 
 
 def connect_tcp(host: str, port: int, timeout_s: float) -> socket.socket:
-    """An open connection that sends small packets at once and drops a peer that acknowledges nothing for half a second.
+    """Returns an open connection that sends small packets at once and drops a peer that acknowledges nothing for half a
+    second.
 
-    timeout_s: wall seconds for everything. Raises DeviceLost, saying which of its steps failed.
+    timeout_s: wall seconds for everything. Raises DeviceLost that states which of its steps failed.
     """
     where, end_s = f"{host}:{port}", time.monotonic() + timeout_s
     failure: OSError | None = None
@@ -56,14 +59,16 @@ def connect_tcp(host: str, port: int, timeout_s: float) -> socket.socket:
 
 
 def round_trip_ns(line: socket.socket) -> int:
-    """What the kernel measured while the connection was made: there and back, without the programs at its ends."""
+    """Returns the round trip that the kernel measured at the start of the connection, without programs at its ends."""
     info = line.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, _RTT_AT + _RTT.size)
     (rtt_us,) = _RTT.unpack_from(info, _RTT_AT)
     return int(rtt_us) * 1000
 
 
 def _resolve(host: str, port: int, timeout_s: float) -> list[tuple[socket.AddressFamily, tuple[object, ...]]]:
-    """Addresses of a name. The system's resolver knows no deadline, so it works in a thread that may be left behind."""
+    """Returns the addresses of a name. The system's resolver knows no deadline, so it runs in a thread that may be left
+    behind when the deadline has passed.
+    """
     found: list[tuple[socket.AddressFamily, tuple[object, ...]]] = []
     failed: list[OSError] = []
 

@@ -1,7 +1,7 @@
-"""OpenIGTLink, the network protocol of PLUS and 3D Slicer: its messages, the stream that they come in, and what one
-server can be: a source of pictures and a source of poses.
+"""Reads OpenIGTLink, the network protocol of PLUS and 3D Slicer: its messages, the stream that carries them, and a
+server as a source of pictures and as a source of poses.
 
-What it says of itself, DRIVERS, is read without importing it (drivers/descriptor.py).
+DRIVERS describes it and can be read without importing the driver (drivers/descriptor.py).
 """
 
 from dataclasses import replace

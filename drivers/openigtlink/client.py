@@ -1,4 +1,6 @@
-"""A client of one OpenIGTLink server: whole messages in, questions out, a deadline on every wait."""
+"""Implements a client of one OpenIGTLink server: it receives whole messages and sends questions, with a deadline on
+every wait.
+"""
 
 import socket
 from collections.abc import Callable
@@ -13,38 +15,44 @@ from probewatch.drivers.printable import printable
 SERVER_REMEDY = "Check that the OpenIGTLink server runs and sends"
 
 _SLOW_REMEDY = f"{SERVER_REMEDY}; where it is as slow as that by itself, give a longer deadline_ms= in the URL"
-"""For one that is silent: a tracker of 3 Hz is, between two measurements, also before the first that is seen."""
+"""Remedy for a server that is silent. A tracker of 3 Hz is silent between two measurements, and also before the first
+that is seen.
+"""
 
 FOLLOW_REMEDY = "Have the sender follow the protocol: content, lengths, and the CRC-64 (ECMA-182) of each body"
-"""For messages that are wanted and come damaged, all of them."""
+"""Remedy where all messages that are wanted come damaged."""
 
 _CONNECT_S = 2.0
-"""For name and connection. More delays the report that no server is there."""
+"""Seconds for the name and the connection. More delays the report that no server is there."""
 
 _CHUNK_BYTES = 1 << 18
-"""Read at a time: most of a picture of 640 × 480. Less takes more calls, more only memory."""
+"""Bytes read at a time: most of a picture of 640 × 480. Less takes more calls, more only memory."""
 
 _ASK_AFTER = 0.5
-"""Share of the deadline after which a silent server is asked for its status: it has the other half to answer. PLUS
-sends nothing at all while the tracker sees no tool."""
+"""Share of the deadline after which a silent server is asked for its status; it has the other half to answer. PLUS
+sends nothing at all while the tracker sees no tool.
+"""
 
 _MOST_MESSAGES, _MOST_BYTES = 5_000, 1 << 28
-"""In a second of the clock, of any kind. Ten messages for each measurement of the fastest tracker (400 Hz) and 40
-pictures of 1920 × 1080 in colour fit. One that sends more takes the interpreter from the tick of the service, which was
-6 to 10 ms late then, in the median, on a busy machine of two cores; it is lost, and opened again after a pause."""
+"""Messages and bytes of any kind in a second of the clock: ten messages for each measurement of the fastest tracker
+(400 Hz), or 40 pictures of 1920 × 1080 in colour, fit. A server that sends more takes the interpreter from the tick of
+the service, which was then 6 to 10 ms late, in the median, on a busy machine of two cores; the server is lost, and
+opened again after a pause.
+"""
 
-_SECOND_NS = 1_000_000_000  # over which they are counted
+_SECOND_NS = 1_000_000_000  # the time over which they are counted
 
 _MOST_NAMES = 32
-"""Names of what a server sends, kept to say what there is. A hostile one could invent names without end."""
+"""Names of what a server sends that are kept to report them. A hostile server could invent names without end."""
 
 
 _MOST_LISTED = 8
-"""Most of these names in a sentence. More are not read."""
+"""Largest number of these names in a sentence. Nobody would read more."""
 
 
 class IgtlClient:
-    """wanted: which messages are kept. deadline_ns: silence after which the server is lost. version: of our headers.
+    """Receives messages from one server. wanted: decides which messages are kept. deadline_ns: silence after which the
+    server is lost. version: that of our headers.
 
     received: names of the kinds and devices that were sent, the first of them, for messages.
     """
@@ -57,7 +65,7 @@ class IgtlClient:
         version: int,
         clock: HostClock,
     ) -> None:
-        """Raises DeviceLost."""
+        """Connects to the server. Raises DeviceLost."""
         self.where = f"igtl://{address[0]}:{address[1]}"
         self._clock, self._deadline_ns, self._version = clock, deadline_ns, version
         self._wanted = wanted
@@ -71,7 +79,7 @@ class IgtlClient:
 
     @property
     def others(self) -> str:
-        """What the server sends, in words."""
+        """Returns what the server sends, in words."""
         return ", ".join(printable(name) for name in sorted(self.received)[:_MOST_LISTED]) or "nothing"
 
     def close(self) -> None:
@@ -79,11 +87,11 @@ class IgtlClient:
 
     @property
     def skipped(self) -> int:
-        """Messages of kinds or devices that were not wanted."""
+        """Returns the number of messages of kinds or devices that were not wanted."""
         return self._stream.skipped
 
     def send(self, kind: str, device: str = "", content: bytes = b"") -> None:
-        """Raises DeviceLost."""
+        """Sends a message. Raises DeviceLost."""
         try:
             self._line.settimeout(SEND_S)
             self._line.sendall(encode(Message(kind, device, content, version=self._version)))
@@ -91,10 +99,11 @@ class IgtlClient:
             raise self.lost(f"the connection broke off ({_words_of(error)})") from error
 
     def receive(self, until_ns: int) -> Arrived | None:
-        """The next wanted message, None when none was whole by then; what had come until then is always taken in.
+        """Returns the next wanted message, None when none was whole by until_ns; what had come until then is always
+        read.
 
         Raises ProtocolError for one that is damaged; DeviceLost when the connection ends, no messages can be found in
-        it any more, or no message of any kind was whole for the deadline.
+        it any more, or no message of any kind was whole within the deadline.
         """
         while (arrived := self._stream.take()) is None:
             self._require_sound()
@@ -119,7 +128,9 @@ class IgtlClient:
             raise self.lost(f"the stream cannot be followed ({error.what})", "The connection is made again") from error
 
     def _require_life(self) -> None:
-        """A peer that is gone without a word, or half of it, does not answer; one that answers is alive."""
+        """Raises DeviceLost for a server that stays silent after it was asked: a peer that is gone without notice, or
+        in the middle of a message, does not answer; one that answers is alive.
+        """
         silent_ns = self._clock.now_ns() - self._heard_ns
         if silent_ns >= self._deadline_ns:
             raise self.lost(f"the server has been silent for {silent_ns / 1e6:.0f} ms", _SLOW_REMEDY)
@@ -128,8 +139,8 @@ class IgtlClient:
             self.send("GET_STATUS")
 
     def _fill(self, until_ns: int) -> bool:
-        """Receives what arrives next. Returns False where nothing came until then, or until it is time to ask the
-        server or to call it lost.
+        """Receives what arrives next. Returns False where nothing came by until_ns, or by the time at which the server
+        is to be asked or is lost.
         """
         now_ns = self._clock.now_ns()
         timeout_ns = self._deadline_ns * (1.0 if self._asked else _ASK_AFTER)

@@ -1,7 +1,8 @@
-"""Contents of messages, but pictures: transforms, tracking data, status, words and commands. All big-endian.
+"""Parses and builds the contents of messages other than pictures: transforms, tracking data, status, words and
+commands. All numbers are big-endian.
 
-Every `parse_…` takes the content of one message and raises ProtocolError where it is none of its kind; every class has
-`content`, the bytes that its parser reads. Source: as of drivers.openigtlink.message.
+Every `parse_…` takes the content of one message and raises ProtocolError where it is not of its kind; every class has
+`content`, the bytes that its parser reads. Source: as for drivers.openigtlink.message.
 """
 
 import struct
@@ -22,14 +23,14 @@ _STRING = struct.Struct(">HH")
 _COMMAND = struct.Struct(">I128sHI")
 _START = struct.Struct(">i32s")
 _MOST_TOOLS = 1000
-"""In one message; a tracker has tens. A message of 64 MiB holds 960,000, which take 16 s to read."""
+"""Tools in one message; a tracker has tens. A message of 64 MiB holds 960,000, which take 16 s to read."""
 _TYPE_BYTES = 12
 """Length of a message type in CAPABILITY, by the specification."""
 
 
 @dataclass(frozen=True, slots=True)
 class Turn:
-    """position: mm. quaternion: x, y, z, w, as sent: of any length."""
+    """Holds a position with an orientation. position: mm. quaternion: x, y, z, w, as sent: of any length."""
 
     position: tuple[float, float, float]
     quaternion: tuple[float, float, float, float]
@@ -37,7 +38,7 @@ class Turn:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tool:
-    """One element of TDATA. kind: 1 tracker, 2 six degrees of freedom, 3 three, 4 five. matrix: (4, 4), mm."""
+    """Holds one element of TDATA. kind: 1 tracker, 2 six degrees of freedom, 3 three, 4 five. matrix: (4, 4), mm."""
 
     name: str
     kind: int
@@ -46,7 +47,7 @@ class Tool:
 
 @dataclass(frozen=True, slots=True)
 class TurnedTool:
-    """One element of QTDATA."""
+    """Holds one element of QTDATA."""
 
     name: str
     kind: int
@@ -55,7 +56,7 @@ class TurnedTool:
 
 @dataclass(frozen=True, slots=True)
 class Status:
-    """code: 1 is OK; see CODES. error: its name, at most 20 bytes."""
+    """Represents STATUS. code: 1 is OK; see CODES. error: its name, at most 20 bytes."""
 
     code: int
     subcode: int = 0
@@ -93,12 +94,12 @@ CODES = {
     HARDWARE: "hardware failure",
     19: "shutting down",
 }
-"""What each code of STATUS says, by the specification."""
+"""Meaning of each code of STATUS, by the specification."""
 
 
 @dataclass(frozen=True, slots=True)
 class Words:
-    """STRING. encoding: see drivers.openigtlink.message."""
+    """Represents STRING. encoding: see drivers.openigtlink.message."""
 
     text: str
     encoding: int = UTF_8
@@ -111,7 +112,9 @@ class Words:
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """COMMAND, and RTS_COMMAND, whose name is what went wrong. number: of the command, which its reply repeats."""
+    """Represents COMMAND, and RTS_COMMAND, in which the name is what went wrong. number: that of the command, which its
+    reply repeats.
+    """
 
     number: int
     name: str
@@ -126,7 +129,7 @@ class Command:
 
 @dataclass(frozen=True, slots=True)
 class StartTracking:
-    """STT_TDATA, STT_QTDATA. resolution_ms: least time between two messages. coordinates: frame of the poses."""
+    """Represents STT_TDATA, STT_QTDATA. resolution_ms: least time between two messages. coordinates: frame of poses."""
 
     resolution_ms: int
     coordinates: str = ""
@@ -137,17 +140,17 @@ class StartTracking:
 
 
 def parse_transform(content: bytes) -> Matrix4:
-    """(4, 4), mm, of TRANSFORM; not checked to be rigid."""
+    """Returns (4, 4), mm, of TRANSFORM; not checked to be rigid."""
     return _matrix(*_unpacked(_MATRIX, content, "TRANSFORM"))
 
 
 def transform_content(matrix: Matrix4) -> bytes:
-    """(4, 4), mm → TRANSFORM: column by column."""
+    """Converts (4, 4), mm, to TRANSFORM: column by column."""
     return _MATRIX.pack(*matrix[:3, :].T.ravel())
 
 
 def parse_tools(content: bytes) -> tuple[Tool, ...]:
-    """TDATA."""
+    """Parses TDATA."""
     return tuple(
         Tool(name_of(name), kind, _matrix(*numbers))
         for name, kind, *numbers in _TRACKED.iter_unpack(_whole(_TRACKED, content, "TDATA"))
@@ -155,12 +158,12 @@ def parse_tools(content: bytes) -> tuple[Tool, ...]:
 
 
 def tools_content(tools: tuple[Tool, ...]) -> bytes:
-    """TDATA."""
+    """Builds TDATA."""
     return b"".join(_TRACKED.pack(fixed(tool.name, 20), tool.kind, *tool.matrix[:3, :].T.ravel()) for tool in tools)
 
 
 def parse_turned_tools(content: bytes) -> tuple[TurnedTool, ...]:
-    """QTDATA."""
+    """Parses QTDATA."""
     return tuple(
         TurnedTool(name_of(name), kind, Turn((x, y, z), (i, j, k, w)))
         for name, kind, x, y, z, i, j, k, w in _TURNED.iter_unpack(_whole(_TURNED, content, "QTDATA"))
@@ -168,14 +171,14 @@ def parse_turned_tools(content: bytes) -> tuple[TurnedTool, ...]:
 
 
 def turned_tools_content(tools: tuple[TurnedTool, ...]) -> bytes:
-    """QTDATA."""
+    """Builds QTDATA."""
     return b"".join(
         _TURNED.pack(fixed(tool.name, 20), tool.kind, *tool.turn.position, *tool.turn.quaternion) for tool in tools
     )
 
 
 def parse_position(content: bytes) -> Turn:
-    """POSITION: without a quaternion it is the unit one, without its w that is the positive root."""
+    """Parses POSITION. An absent quaternion is the unit one; an absent w is the positive root."""
     if len(content) not in (12, 24, 28):
         raise ProtocolError(f"POSITION has 12, 24 or 28 bytes, not {len(content)}")
     x, y, z, *turn = struct.unpack(f">{len(content) // 4}f", content)
@@ -188,12 +191,12 @@ def parse_position(content: bytes) -> Turn:
 
 
 def position_content(turn: Turn, parts: int = 4) -> bytes:
-    """POSITION with so many parts of the quaternion: 0, 3 or 4."""
+    """Builds POSITION with `parts` parts of the quaternion: 0, 3 or 4."""
     return struct.pack(f">{3 + parts}f", *turn.position, *turn.quaternion[:parts])
 
 
 def parse_status(content: bytes) -> Status:
-    """STATUS."""
+    """Parses STATUS."""
     if len(content) < _STATUS.size:
         raise ProtocolError(f"STATUS has {_STATUS.size} bytes or more, not {len(content)}")
     code, subcode, error = _STATUS.unpack_from(content)
@@ -201,25 +204,25 @@ def parse_status(content: bytes) -> Status:
 
 
 def parse_words(content: bytes) -> Words:
-    """STRING."""
+    """Parses STRING."""
     encoding, size = _unpacked(_STRING, content[: _STRING.size], "STRING")
     return Words(_counted(content[_STRING.size :], size, "STRING"), encoding)
 
 
 def parse_command(content: bytes) -> Command:
-    """COMMAND, RTS_COMMAND."""
+    """Parses COMMAND, RTS_COMMAND."""
     number, name, encoding, size = _unpacked(_COMMAND, content[: _COMMAND.size], "COMMAND")
     return Command(number, name_of(name), _counted(content[_COMMAND.size :], size, "COMMAND"), encoding)
 
 
 def parse_start(content: bytes) -> StartTracking:
-    """STT_TDATA, STT_QTDATA."""
+    """Parses STT_TDATA, STT_QTDATA."""
     resolution_ms, coordinates = _unpacked(_START, content, "STT_TDATA")
     return StartTracking(resolution_ms, name_of(coordinates))
 
 
 def parse_types(content: bytes) -> tuple[str, ...]:
-    """CAPABILITY: the message types that the sender knows."""
+    """Parses CAPABILITY: the message types that the sender knows."""
     if len(content) % _TYPE_BYTES:
         raise ProtocolError(f"CAPABILITY has a multiple of {_TYPE_BYTES} bytes, not {len(content)}")
     places = range(0, len(content), _TYPE_BYTES)
@@ -227,7 +230,7 @@ def parse_types(content: bytes) -> tuple[str, ...]:
 
 
 def types_content(types: tuple[str, ...]) -> bytes:
-    """CAPABILITY."""
+    """Builds CAPABILITY."""
     return b"".join(fixed(kind, _TYPE_BYTES) for kind in types)
 
 

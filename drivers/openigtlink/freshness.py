@@ -1,4 +1,4 @@
-"""Whether a server says anything new of the probe, and how long it has not."""
+"""Tracks whether a server sends anything new about the probe, and for how long it has not."""
 
 import math
 import statistics
@@ -10,18 +10,20 @@ from probewatch.drivers.samples import Matrix4
 from probewatch.drivers.trackers.staleness import FROZEN_READINGS, SLOWEST_PERIOD_NS, STALE_PERIODS
 
 _LEAST_WAIT_NS = 60_000_000
-"""Without a new transform before the pose is missing, however fast the tracker is: servers hand measurements on in
-bursts of their own loop (PLUS every 20 ms or so), and a repeated TCP segment takes the network tens of milliseconds.
-More lets an old pose stand longer, less calls a burst a loss of sight. Not measured on a server."""
+"""Time without a new transform before the pose is missing, however fast the tracker is, ns: servers forward
+measurements in bursts of their own loop (PLUS every 20 ms or so), and a repeated TCP segment takes the network tens of
+milliseconds. More lets an old pose stand longer; less calls a burst a loss of sight. Not measured on a server.
+"""
 
 _STEPS = 15
-"""Newest steps of time whose median is the period: a quarter of a second at 60 Hz. Fewer follow single bursts, more
-take longer to follow a change of the rate."""
+"""Newest steps of time whose median is the period: a quarter of a second at 60 Hz. Fewer follow single bursts; more
+take longer to follow a change of the rate.
+"""
 
 
 class Freshness:
-    """count: new measurements so far. repeats: the server sent the last one again. frozen: why equal poses in a row are
-    not believed, empty while they change.
+    """Tracks the measurements of the probe. count: index of the newest one, -1 before the first. repeats: whether the
+    server sent the last one again. frozen: why equal poses in a row are not trusted, empty while they change.
     """
 
     def __init__(self, now_ns: int) -> None:
@@ -36,16 +38,16 @@ class Freshness:
 
     @property
     def rate_hz(self) -> float:
-        """Rate of new measurements; NaN before the second one."""
+        """Returns the rate of new measurements; NaN before the second one."""
         return 1e9 / statistics.median(self._steps_ns) if self._steps_ns else math.nan
 
     @property
     def due_ns(self) -> int:
-        """When word that there is nothing new is due."""
+        """Returns when the report that there is nothing new is due."""
         return max(self._new_ns + self._wait_ns, self._reported_ns + self._period_ns)
 
     def take(self, time_ns: int, matrix: Matrix4 | None, now_ns: int) -> bool:
-        """Whether a measurement is new. time_ns: of the sender, 0 where it sends none and every message is new."""
+        """Returns whether a measurement is new. time_ns: the sender's, 0 where it sends none and all are new."""
         if time_ns and time_ns == self._time_ns:
             self.repeats = True
             return False
@@ -63,7 +65,7 @@ class Freshness:
         return True
 
     def overdue(self, now_ns: int) -> bool:
-        """Whether word that there is nothing new is due. The word is taken as given."""
+        """Returns whether the report that there is nothing new is due. If so, it counts as made."""
         if now_ns < self.due_ns:
             return False
         self._reported_ns = now_ns

@@ -1,8 +1,8 @@
-"""IMAGE: a picture or volume with its kind of pixel, and the grey picture that the line works on.
+"""Parses IMAGE, a picture or volume with its pixel type, and makes the grey picture on which the line works.
 
 Content: version u16, components u8, scalar type u8, byte order u8, coordinates u8, size 3 × u16, matrix 12 × f32, then
 offset and size of the part that is sent, 3 × u16 each, all big-endian; then the pixels, columns fastest, components
-together, in the byte order that it names. Source: as of drivers.openigtlink.message.
+together, in the byte order that it names. Source: as for drivers.openigtlink.message.
 """
 
 import struct
@@ -20,21 +20,22 @@ _SCALARS = {2: "i1", 3: "u1", 4: "i2", 5: "u2", 6: "i4", 7: "u4", 10: "f4", 11: 
 _GREY = 3
 """Scalar type of 8 bits without sign, which needs no conversion."""
 _SPREAD_AT_ONCE = 1 << 20
-"""Values, which take 8 bytes each on their way, several times over. All of 64 MiB at once took 1.8 GB, more than the
-unit may have; fewer take more calls."""
+"""Values converted at a time; each takes 8 bytes meanwhile, several times over. All of 64 MiB at once took 1.8 GB, more
+than the unit may have; fewer take more calls.
+"""
 _ORDERS = {1: ">", 2: "<"}
 """Byte order of the pixels, by the specification."""
-"""Number of components → OpenCV's weights of red, green and blue (ITU-R BT.601)."""
 
 Size = tuple[int, int, int]
 Levels = tuple[float, float]
-"""What becomes black and what becomes white."""
+"""Values that become black and white."""
 
 
 @dataclass(frozen=True, slots=True)
 class Image:
-    """size, offset, part: columns, rows, slices. matrix: 12 numbers column by column, axes times spacing, mm, and the
-    origin. data: the pixels of the part. order: 1 big-endian, 2 little. coordinates: 1 RAS, 2 LPS.
+    """Holds one IMAGE. size, offset, part: columns, rows, slices. matrix: 12 numbers column by column, axes times
+    spacing, mm, and the origin. data: the pixels of the part. order: 1 big-endian, 2 little-endian. coordinates: 1 RAS,
+    2 LPS.
     """
 
     size: Size
@@ -55,7 +56,7 @@ class Image:
 
 
 def parse_image(content: bytes) -> Image:
-    """Raises ProtocolError for a header that cannot be, or pixels that do not fill what it announces."""
+    """Parses IMAGE. Raises ProtocolError for an impossible header, or for pixels that do not fill what it announces."""
     if len(content) < _LAYOUT.size:
         raise ProtocolError(f"IMAGE has {_LAYOUT.size} bytes or more, not {len(content)}")
     version, components, scalar, order, coordinates, *numbers = _LAYOUT.unpack_from(content)
@@ -73,8 +74,9 @@ def parse_image(content: bytes) -> Image:
 
 
 def grey_picture(image: Image, levels: Levels | None) -> GreyImage:
-    """(height, width) uint8. levels: from where to where values are spread over black to white; needed for all but 8
-    bits, since no sender says it. Raises ValueError, which names what cannot be converted and what to do.
+    """Returns the picture as (height, width) uint8. levels: the values that become black and white, between which the
+    others are spread; needed for all pixels but those of 8 bits, since no sender states it. Raises ValueError that
+    names what cannot be converted and what to do.
     """
     columns, rows, slices = image.size
     if slices != 1:
@@ -94,7 +96,7 @@ def grey_picture(image: Image, levels: Levels | None) -> GreyImage:
 
 
 def _spread(pixels: np.ndarray, levels: Levels) -> GreyImage:
-    """What is no number is black."""
+    """Spreads the values between the levels over 0 to 255; NaN becomes black."""
     black, white = levels
     values, shown = pixels.reshape(-1), np.empty(pixels.size, np.uint8)
     for start in range(0, values.size, _SPREAD_AT_ONCE):

@@ -1,4 +1,5 @@
-"""One OpenIGTLink message: header, extended header, content, metadata and check sum, of header versions 1 to 3.
+"""Encodes and decodes one OpenIGTLink message: header, extended header, content, metadata and checksum, of header
+versions 1 to 3.
 
 All numbers are big-endian. Header, 58 bytes: version u16, type 12 characters, device name 20 characters (both padded
 with NUL), time as seconds u32 and 2⁻³² s u32 since 1970 UTC, bytes of the body u64, CRC-64 of the body u64. From
@@ -21,11 +22,12 @@ HEADER_BYTES = 58
 """Length of every message's header, by the specification."""
 
 VERSIONS = (1, 2, 3)
-"""Versions of the header. 3 is laid out as 2, which states its own sizes."""
+"""Versions of the header. 3 has the layout of 2, which states its own sizes."""
 
 MOST_BODY_BYTES = 1 << 26
-"""Body of one message, 64 MiB: a picture of 4096 × 4096 in four channels. A longer body is a damaged or hostile header,
-and what it would make us wait for."""
+"""Largest body of one message, 64 MiB: a picture of 4096 × 4096 in four channels. A longer body means a damaged or
+hostile header, which would make us wait for it.
+"""
 
 US_ASCII, UTF_8 = 3, 106
 """Encodings by their numbers at IANA (MIBenum)."""
@@ -35,7 +37,7 @@ _EXTENDED = struct.Struct(">HHII")
 _ENTRY = struct.Struct(">HHI")
 _COUNT = struct.Struct(">H")
 _FRACTION_BITS = 32
-"""Fraction of the time: its second word counts 2⁻³² s."""
+"""Bits of the fraction of the time: its second word counts 2⁻³² s."""
 
 Entry = tuple[str, int, str]
 """Key, encoding of the value as IANA numbers it, value."""
@@ -43,7 +45,7 @@ Entry = tuple[str, int, str]
 
 @dataclass(frozen=True, slots=True)
 class Header:
-    """What precedes a body. time: in units of 2⁻³² s since 1970 UTC; 0 where the sender sends none."""
+    """Represents what precedes a body. time: in units of 2⁻³² s since 1970 UTC; 0 where the sender sends none."""
 
     version: int
     kind: str
@@ -54,14 +56,14 @@ class Header:
 
     @property
     def time_ns(self) -> int:
-        """Nanoseconds since 1970 UTC, by the sender's clock."""
+        """Returns nanoseconds since 1970 UTC, by the sender's clock."""
         return self.time * 1_000_000_000 >> _FRACTION_BITS
 
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """kind: TRANSFORM, IMAGE … device: whose data it is, at most 20 bytes. content: without extended header and
-    metadata. time: see Header. number, metadata: of version 2 and later.
+    """Represents one message. kind: TRANSFORM, IMAGE … device: whose data it is, at most 20 bytes. content: without
+    extended header and metadata. time: see Header. number, metadata: those of version 2 and later.
     """
 
     kind: str
@@ -74,21 +76,21 @@ class Message:
 
     @property
     def time_ns(self) -> int:
-        """Nanoseconds since 1970 UTC, by the sender's clock; 0 where it sends none."""
+        """Returns nanoseconds since 1970 UTC, by the sender's clock; 0 where it sends none."""
         return self.time * 1_000_000_000 >> _FRACTION_BITS
 
     def said(self, key: str) -> str:
-        """A value of the metadata; empty where there is none."""
+        """Returns a value of the metadata; empty where there is none."""
         return next((value for name, _, value in self.metadata if name == key), "")
 
 
 def time_of(utc_ns: int) -> int:
-    """Nanoseconds since 1970 UTC → units of 2⁻³² s, rounded up, so that time_ns gives the same back."""
+    """Converts nanoseconds since 1970 UTC to units of 2⁻³² s, rounded up, so that time_ns gives the same back."""
     return -((-utc_ns << _FRACTION_BITS) // 1_000_000_000)
 
 
 def parse_header(data: bytes, where: str = "") -> Header:
-    """Exactly HEADER_BYTES bytes. Raises ProtocolError for what cannot be followed: a version or a size."""
+    """Parses exactly HEADER_BYTES bytes. Raises ProtocolError for a version or a size that cannot be handled."""
     version, kind, device, seconds, fraction, body_bytes, crc = _HEADER.unpack(data)
     if version not in VERSIONS:
         raise ProtocolError(f"header version {version} is not known", where, _OTHER_END)
@@ -98,14 +100,14 @@ def parse_header(data: bytes, where: str = "") -> Header:
 
 
 class CheckSumError(ProtocolError):
-    """The body is not the one that was sent, or its sender computes the check sum otherwise."""
+    """Reports that the body is not the one that was sent, or that its sender computes the checksum differently."""
 
 
 _OTHER_END = "Check that an OpenIGTLink server listens there"
 
 
 def decode_body(header: Header, body: bytes, where: str = "") -> Message:
-    """Raises ProtocolError for a body that is damaged or does not agree with itself."""
+    """Decodes a body. Raises ProtocolError for one that is damaged or contradicts itself."""
     named = f"{header.kind} '{header.device}'"
     if len(body) != header.body_bytes:
         raise ProtocolError(f"{named} has {len(body)} of {header.body_bytes} bytes", where)
@@ -120,7 +122,7 @@ def decode_body(header: Header, body: bytes, where: str = "") -> Message:
 
 
 def encode(message: Message) -> bytes:
-    """The bytes that decode_body reads. Raises ValueError for names that are too long."""
+    """Returns the bytes that decode_body reads. Raises ValueError for names that are too long."""
     body = message.content if message.version == 1 else _extended_body(message)
     kind, device = (_field(name, size) for name, size in ((message.kind, 12), (message.device, 20)))
     seconds, fraction = divmod(message.time, 1 << _FRACTION_BITS)
@@ -129,12 +131,12 @@ def encode(message: Message) -> bytes:
 
 
 def fixed(text: str, size: int) -> bytes:
-    """A name of at most so many bytes, padded with NUL. What does not fit is cut off."""
+    """Returns a name padded with NUL to `size` bytes. What does not fit is cut off."""
     return _bytes(text)[:size].ljust(size, b"\0")
 
 
 def name_of(data: bytes) -> str:
-    """A name up to its first NUL, as it was sent; printable it becomes where it is shown."""
+    """Returns a name up to its first NUL, as it was sent; it is made printable only where it is shown."""
     return _text(data)
 
 
@@ -148,7 +150,7 @@ def _extended(header: Header, body: bytes) -> Message:
 
 
 def _entries(table: bytes, data: bytes) -> Iterator[Entry]:
-    """table: count and sizes. data: keys and values, which must fill it."""
+    """Yields the entries of the metadata. table: count and sizes. data: keys and values, which must fill it."""
     (count,) = _COUNT.unpack_from(table) if table else (0,)
     if len(table) not in (0, _COUNT.size + count * _ENTRY.size):
         raise ValueError(f"{len(table)} bytes cannot announce {count} entries of metadata")
@@ -180,7 +182,7 @@ def _text(data: bytes) -> str:
 
 
 def _decoded(data: bytes) -> str:
-    """UTF-8, of which ASCII is a part; any other byte survives, so that what is sent on is what came."""
+    """Decodes UTF-8, of which ASCII is a part; any other byte survives, so that what is forwarded is what came."""
     return data.decode(errors="surrogateescape")
 
 

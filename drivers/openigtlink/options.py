@@ -1,4 +1,4 @@
-"""The options of `igtl://host:18944`, the same for pictures and poses, so that one URL may name both."""
+"""Parses the options of `igtl://host:18944`, the same for pictures and poses, so that one URL may name both."""
 
 import math
 import re
@@ -16,11 +16,12 @@ PORT = 18944
 """TCP port of OpenIGTLink, by its specification."""
 
 VIDEO_DEADLINE_MS = 500.0
-"""Silence after which a source of pictures is lost: as docs/devices.md promises of every grabber. Less loses a scanner
-of 4 Hz between two pictures."""
+"""Silence after which a source of pictures is lost, ms, as docs/devices.md promises for every grabber. Less loses a
+scanner of 4 Hz between two pictures.
+"""
 
 NAME_BYTES = 20
-"""Length of a device name, by the specification: senders cut longer ones off."""
+"""Length of a device name, by the specification: senders cut off longer ones."""
 
 _ASKS = {None: "", "tdata": "TDATA", "qtdata": "QTDATA"}
 _FULL_NAME = re.compile(r".+To[A-Z].*")
@@ -28,11 +29,13 @@ _FULL_NAME = re.compile(r".+To[A-Z].*")
 
 @dataclass(frozen=True, slots=True)
 class IgtlOptions:
-    """image: device name of the pictures, empty for the only one. probe, reference, witness: names of the transforms,
-    reference None where the probe's is used alone, witness None where no second body sits on the probe. bare: the name
-    of the probe's tool, by which its transform may be sent, empty where the URL gives a whole name. levels: see
-    drivers.openigtlink.image. deadline_ms: None for the usual one. ask: the message that is to be asked for. version:
-    of the headers that we send.
+    """Holds the options, checked.
+
+    image: device name of the pictures, empty for the only one. probe, reference, witness: names of the transforms;
+    reference is None where the probe's is used alone, witness is None where no second body is on the probe. bare: the
+    name of the probe's tool, under which its transform may be sent; empty where the URL gives a whole name. levels: see
+    drivers.openigtlink.image. deadline_ms: None for the usual one. ask: the message that must be requested. version:
+    that of the headers that we send.
     """
 
     image: str
@@ -57,7 +60,7 @@ class IgtlOptions:
 
 
 def parse_target(target: str, options: dict[str, str]) -> tuple[tuple[str, int], IgtlOptions]:
-    """(host, port) and the options. Raises ConfigurationError naming what cannot be."""
+    """Returns (host, port) and the options. Raises ConfigurationError that names what is invalid."""
     where = f"igtl://{target}"
     address = parse_address(target, PORT, where)
     given = IGTL.given(options, where)
@@ -87,7 +90,7 @@ def parse_target(target: str, options: dict[str, str]) -> tuple[tuple[str, int],
 
 
 def transform_name(name: str) -> str:
-    """`Probe` → `ProbeToTracker`; a name that already is one of a transform stays. Cut off as senders do."""
+    """Converts `Probe` to `ProbeToTracker`, but leaves the name of a transform. It is cut off as senders do."""
     return _cut_off(name if _FULL_NAME.fullmatch(name) else f"{name}ToTracker")
 
 

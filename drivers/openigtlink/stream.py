@@ -1,4 +1,4 @@
-"""A stream of bytes, cut into messages: what is not wanted is counted and never kept."""
+"""Cuts a stream of bytes into messages; those that are not wanted are counted and never kept."""
 
 from collections import deque
 from collections.abc import Callable
@@ -10,17 +10,19 @@ from probewatch.drivers.openigtlink.message import HEADER_BYTES, Header, Message
 
 @dataclass(frozen=True, slots=True)
 class Arrived:
-    """arrival_ns: when the first byte was there, which does not depend on how long the message is."""
+    """Holds a message with its arrival. arrival_ns: when the first byte was there, which does not depend on the length
+    of the message.
+    """
 
     message: Message
     arrival_ns: int
 
 
 class MessageStream:
-    """Holds the parts of one message at most, and the whole ones of one call of `add`.
+    """Assembles messages. It holds the parts of one message at most, and the whole ones from one call of `add`.
 
-    skipped: messages that were not wanted. refused: wanted ones that were damaged. whole: messages of any kind that
-    have come to their end. damaged: the header of the last one that was refused.
+    skipped: count of messages that were not wanted. refused: count of wanted ones that were damaged. whole: count of
+    messages of any kind that were received to the end. damaged: the header of the last one that was refused.
     """
 
     def __init__(self, wanted: Callable[[Header], bool], where: str = "") -> None:
@@ -36,7 +38,7 @@ class MessageStream:
         self._broken: ProtocolError | None = None
 
     def add(self, data: bytes, arrival_ns: int) -> None:
-        """Take in what has arrived at arrival_ns."""
+        """Adds the bytes that arrived at arrival_ns."""
         view = memoryview(data)
         while view and self._broken is None:
             view = self._into_header(view, arrival_ns) if self._header is None else self._into_body(view)
@@ -44,7 +46,7 @@ class MessageStream:
                 self._end(self._header)
 
     def take(self) -> Arrived | None:
-        """The next wanted message; None when none is whole. Raises ProtocolError for one that is damaged."""
+        """Returns the next wanted message; None when none is whole. Raises ProtocolError for one that is damaged."""
         if not self._ready:
             return None
         header, body, began_ns = self._ready.popleft()
@@ -57,7 +59,7 @@ class MessageStream:
 
     @property
     def waiting(self) -> bool:
-        """Whether something whole has not been taken yet."""
+        """Returns whether a whole message has not been taken yet."""
         return bool(self._ready)
 
     def require_sound(self) -> None:

@@ -1,4 +1,4 @@
-"""Poses of an OpenIGTLink server: TRANSFORM, TDATA and QTDATA, and what STATUS says of them."""
+"""Yields the poses of an OpenIGTLink server: TRANSFORM, TDATA and QTDATA, and what STATUS reports about them."""
 
 import math
 from collections import deque
@@ -37,23 +37,28 @@ from probewatch.drivers.trackers.reference_place import ReferencePlace
 from probewatch.drivers.trackers.witness import WitnessSight
 
 _APART_NS = 5_000_000
-"""Between the times of probe and reference that make one pose. Tools of one measurement share a time; a server that
-reads them in turn is some milliseconds apart, in which a reference that is pushed at 100 mm/s moves by half a
-millimetre. Not measured."""
+"""Largest difference between the times of probe and reference that make one pose, ns. Tools of one measurement share a
+time. A server that reads them in turn is some milliseconds apart, in which a reference that is pushed at 100 mm/s moves
+by half a millimetre. Not measured.
+"""
 
 _TOGETHER_NS = 1_000_000
-"""Between the times of probe and witness that are one measurement. A hand goes 200 mm/s, a fifth of a millimetre in it;
-less loses a server that rounds its times."""
+"""Largest difference between the times of probe and witness that are one measurement, ns. A hand moves at 200 mm/s,
+which is a fifth of a millimetre in that time; less loses a server that rounds its times.
+"""
 
 _RESOLUTION_MS = 10
-"""Asked of a server that sends tracking data on request: 100 poses a second at most,
-more than a scanner has pictures."""
+"""Least time between two messages, requested from a server that sends tracking data on request: 100 poses a second at
+most, more than a scanner has pictures.
+"""
 
 _ASK_AGAIN_NS = 1_000_000_000
-"""Between two questions whether a server that complained is well again. More lets it wait; less is idle talk."""
+"""Time between questions whether a server that complained is well again, ns. More lets it wait; less is idle
+traffic.
+"""
 
 _MOST_COMPLAINTS = 16
-"""Devices of a server whose complaints are kept. A hostile one could invent names without end."""
+"""Devices of a server whose complaints are kept. A hostile server could invent names without end."""
 
 _KINDS = ("TRANSFORM", "TDATA", "QTDATA", "STATUS")
 _NAME_IT = "Name one that it sends by probe= in the URL; where the name is right, bring the tool into view"
@@ -62,12 +67,12 @@ _SEND_IT = (
 )
 _POSES = ("TRANSFORM ", "TDATA ", "QTDATA ")
 _BLAMELESS = (UNKNOWN_INSTRUCTION, UNKNOWN_VERSION)
-"""Codes that answer a question of ours and say nothing of the tracker."""
+"""Codes that answer a question of ours and say nothing about the tracker."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Measured:
-    """time_ns: of the sender, or of the arrival where it sends none."""
+    """Holds one reading. time_ns: that of the sender, or of the arrival where it sends none."""
 
     reading: TransformReading
     time_ns: int
@@ -75,10 +80,10 @@ class _Measured:
 
 
 class IgtlTracker(Closable):
-    """One connection. refused: messages that were damaged or said what cannot be."""
+    """Holds one connection. refused: count of messages that were damaged or held impossible values."""
 
     def __init__(self, address: tuple[str, int], options: IgtlOptions, clock: HostClock) -> None:
-        """Raises DeviceLost."""
+        """Connects to the server. Raises DeviceLost."""
         self._options, self._clock = options, clock
         self.refused = 0
         self._complaints: dict[str, str] = {}
@@ -135,7 +140,7 @@ class IgtlTracker(Closable):
         )
 
     def _absent(self) -> tuple[str, str]:
-        """The message that the transform never came, or was damaged each time, and its remedy."""
+        """Returns the message that the transform never came, or was damaged each time, and its remedy."""
         named = f"no transform '{printable(self._options.probe)}'"
         if self._damage:
             return f"{named} could be read: {self._damage}", FOLLOW_REMEDY
@@ -143,9 +148,9 @@ class IgtlTracker(Closable):
         return f"{named} came; the server sends {self._client.others}", remedy
 
     def read(self, timeout_s: float) -> Pose | None:
-        """The next pose, or word that there is none: see drivers.device_api.
+        """Returns the next pose, or one that says that there is none: see drivers.device_api.
 
-        A server that lives and sends no new transform of the probe gives a pose without a number in every period.
+        A server that is alive and sends no new transform of the probe gives a pose without a number in every period.
         Raises DeviceLost when it is silent for deadline_ms, closes the connection, or cannot be followed.
         """
         end_ns = self._clock.now_ns() + round(timeout_s * 1e9)
@@ -157,7 +162,9 @@ class IgtlTracker(Closable):
         return self._poses.popleft() if self._poses else None
 
     def _greet(self) -> None:
-        """PLUS sends metadata, and with them the status of each tool, to those who have shown that they know them."""
+        """Sends a first message: PLUS sends metadata, and with them the status of each tool, to clients that have shown
+        that they support them.
+        """
         self._client.send("GET_STATUS")
         if self._options.ask:
             start = StartTracking(_RESOLUTION_MS)
@@ -172,7 +179,7 @@ class IgtlTracker(Closable):
         return header.kind in _KINDS
 
     def _is_bare(self, name: str) -> bool:
-        """Whether the tool's name alone stands for its transform: it does for a server that sends no other."""
+        """Returns whether the tool's name alone stands for its transform, as for a server that sends no other."""
         return bool(self._options.bare) and name == self._options.bare and not self._by_whole_name
 
     def _listen(self, until_ns: int) -> None:
@@ -205,7 +212,7 @@ class IgtlTracker(Closable):
             self._measured(found[self._options.probe], arrived)
 
     def _heed(self, message: Message) -> None:
-        """A complaint holds until the same device says that it is OK: the poses in between are not believed."""
+        """Notes a complaint. Until the same device reports that it is OK, the poses are not trusted."""
         status = parse_status(message.content)
         if status.code == OK:
             self._complaints.pop(message.device, None)
@@ -218,7 +225,7 @@ class IgtlTracker(Closable):
         self._put_status(PoseStatus.MISSING, next(iter(self._complaints.values())))
 
     def _measured(self, reading: TransformReading, arrived: Arrived) -> None:
-        """The probe's. The one before, for which no reference of its time came, goes without a number."""
+        """Takes a reading of the probe. The one before, if no reference of its time came, goes without a number."""
         time_ns = arrived.message.time_ns
         self._release()
         self._time.note(time_ns)
@@ -233,7 +240,7 @@ class IgtlTracker(Closable):
         self._pair()
 
     def _pair(self) -> None:
-        """Make the pose, once everything that belongs to it is of one time."""
+        """Makes the pose, once everything that belongs to it has one time."""
         probe, reference = self._probe, self._reference
         if probe is None or (self._witness_later and not self._together(probe.time_ns)):
             return
@@ -253,19 +260,19 @@ class IgtlTracker(Closable):
         self._judge(probe, reading, apart_ns, witness)
 
     def _release(self) -> None:
-        """What waits for the witness of its time alone waits no longer."""
+        """Makes the pose that was waiting only for the witness of its time."""
         if self._witness_later and self._probe is not None:
             self._witness_later = False
             self._pair()
 
     def _together(self, time_ns: int | None) -> bool:
-        """Whether the last witness was measured at that time of the sender's."""
+        """Returns whether the last witness was measured at that time of the sender's."""
         return (
             self._witness is not None and time_ns is not None and abs(self._witness.time_ns - time_ns) <= _TOGETHER_NS
         )
 
     def _witnessed(self, probe: _Measured) -> Matrix4 | None:
-        """The second body measured with the probe, in the tracker's frame; None where it is not seen."""
+        """Returns the second body measured with the probe, in the tracker's frame; None where it is not seen."""
         if self._sight is None or self._witness is None or probe.reading.matrix is None or probe.stamp is None:
             return None
         matrix = self._witness.reading.matrix if self._together(probe.time_ns) else None
@@ -274,7 +281,7 @@ class IgtlTracker(Closable):
     def _judge(
         self, probe: _Measured, reading: TransformReading, apart_ns: int = 0, witness: Matrix4 | None = None
     ) -> None:
-        """The pose as read, unless the server complains or everything stands still."""
+        """Queues the pose as read, unless the server complains or the poses are frozen."""
         if self._complaints:
             reading = TransformReading(None, PoseStatus.MISSING, next(iter(self._complaints.values())))
         elif reading.matrix is not None and self._freshness.frozen:
@@ -290,7 +297,7 @@ class IgtlTracker(Closable):
         self._poses.append(Pose(stamp, count, reading.matrix, math.nan, reading.status, reading.reason, witness))
 
     def _require_news(self) -> None:
-        """Where the server lives and says nothing new of the probe, that is the word."""
+        """Queues a pose that says so where the server is alive and sends nothing new about the probe."""
         now_ns = self._clock.now_ns()
         self._ask_whether_well(now_ns)
         if not self._freshness.overdue(now_ns):
@@ -311,12 +318,12 @@ class IgtlTracker(Closable):
             self._client.send("GET_STATUS", next(iter(self._complaints)))
 
     def _put_status(self, status: PoseStatus, reason: str) -> None:
-        """Word of now, in place of whatever waits for its reference."""
+        """Queues a status as of now, in place of the reading that waits for its reference."""
         self._put(self._time.heard(self._clock.now_ns()), TransformReading(None, status, reason))
 
 
 def _readings(message: Message) -> dict[str, TransformReading]:
-    """What a message says of each tool, under the name of its transform. Raises ProtocolError."""
+    """Returns what a message reports about each tool, under the name of its transform. Raises ProtocolError."""
     if message.kind == "TRANSFORM":
         return {message.device: _of_transform(message)}
     if message.kind == "TDATA":
@@ -325,12 +332,12 @@ def _readings(message: Message) -> dict[str, TransformReading]:
 
 
 def _named(readings: dict[str, TransformReading]) -> dict[str, TransformReading]:
-    """An element of tracking data has the name of a tool or of its transform."""
+    """Returns the readings under both names: an element of tracking data has the name of a tool or of its transform."""
     return {f"{name}ToTracker": reading for name, reading in readings.items()} | readings
 
 
 def _of_transform(message: Message) -> TransformReading:
-    """PLUS sends the status of a transform in the metadata."""
+    """Returns the reading of TRANSFORM. PLUS sends the status of a transform in the metadata."""
     name, status = message.device, message.said("TransformStatus").upper()
     matrix = parse_transform(message.content)
     if status not in ("", *GOOD):
@@ -341,7 +348,9 @@ def _of_transform(message: Message) -> TransformReading:
 
 
 def _checked(matrix: Matrix4, name: str) -> TransformReading:
-    """Servers send the identity, or zeros, for a tool that is not seen; no tool lies in the tracker's own origin."""
+    """Returns the reading of a matrix. Servers send the identity, or zeros, for a tool that is not seen; no tool is at
+    the tracker's own origin.
+    """
     if np.array_equal(matrix, np.eye(4)) or not matrix[:3].any():
         return TransformReading(None, PoseStatus.MISSING, f"{printable(name)} is not a measurement (identity or zeros)")
     return rigid_reading(matrix, name)

@@ -1,4 +1,4 @@
-"""Pictures of an OpenIGTLink server: IMAGE, made grey, cut out and turned."""
+"""Yields the pictures of an OpenIGTLink server: IMAGE, made grey, cut out and turned."""
 
 from probewatch.drivers.clock.host_clock import HostClock
 from probewatch.drivers.closable import Closable
@@ -19,10 +19,12 @@ _SEND_IT = "Have the server send its pictures as IMAGE, which is the only kind t
 
 
 class IgtlVideo(Closable):
-    """One connection. refused: damaged pictures. repeated: dropped, because their time was that of the one before."""
+    """Holds one connection. refused: count of damaged pictures. repeated: count of pictures dropped because they had
+    the time of the one before.
+    """
 
     def __init__(self, address: tuple[str, int], options: IgtlOptions, clock: HostClock) -> None:
-        """Raises DeviceLost."""
+        """Connects to the server. Raises DeviceLost."""
         self._options, self._clock = options, clock
         self.repeated = self.refused = 0
         self._shown = self._damage = ""
@@ -56,9 +58,9 @@ class IgtlVideo(Closable):
         return Description("OpenIGTLink server", remarks=said, absent=absent, remedy=_NAME_IT if pictures else _SEND_IT)
 
     def read(self, timeout_s: float) -> Frame | None:
-        """Next picture, or None when none came within timeout_s of the clock. Raises DeviceLost.
+        """Returns the next picture, or None when none came within timeout_s of the clock. Raises DeviceLost.
 
-        A damaged picture is refused and counted; the reason why none can be used is a loss, which names it.
+        A damaged picture is refused and counted; where none can be used, DeviceLost names the reason.
         """
         end_ns = self._clock.now_ns() + round(timeout_s * 1e9)
         while True:
@@ -96,7 +98,7 @@ class IgtlVideo(Closable):
         return Frame(self._time.stamp(message.time_ns, arrived.arrival_ns), self._count - 1, shown)
 
     def _settle_on(self, device: str) -> None:
-        """Settle on the one picture that there may be without image=: taking turns would show two scanners as one."""
+        """Fixes the only picture that there may be without image=: alternating ones would show two scanners as one."""
         if self._shown and device != self._shown:
             both = f"'{self._shown}' and '{device}'"
             raise self._client.lost(f"the server sends several pictures, {both}", "Name one of them by image=")

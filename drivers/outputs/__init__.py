@@ -1,6 +1,6 @@
-"""Alarm outputs, one a file: energised means safe. Beside them what several of them need.
+"""Holds the alarm outputs, one per file, and what several of them need. Energised means safe.
 
-What each says of itself, DRIVERS, is read without importing it (drivers/descriptor.py).
+DRIVERS describes each of them and can be read without importing the drivers (drivers/descriptor.py).
 """
 
 from probewatch.drivers.descriptor import GPIO_CHIP, SERIAL_PORT, SOUND_CARD, Contact, Driver, Option, Twin
@@ -8,7 +8,7 @@ from probewatch.drivers.outputs.heartbeat import CLICKS, HEARTBEAT
 
 _WATCHDOG = "hardware watchdog, or `heartbeat=`"
 _PITCHES_HZ = (150, 1000)
-"""Bounds of the fundamental of an alarm, by IEC 60601-1-8."""
+"""Bounds of the fundamental of an alarm, Hz, by IEC 60601-1-8."""
 _CHANNELS = (1, 16)
 """Channels of LCUS boards: the largest on sale have 16 relays."""
 

@@ -1,4 +1,4 @@
-"""`gpio:/dev/gpiochip0?line=17&active=low`: one line of a GPIO chip that drives a relay. Energised means safe.
+"""Opens `gpio:/dev/gpiochip0?line=17&active=low`: one line of a GPIO chip that drives a relay. Energised means safe.
 
 Its options are the rows of GPIO, in the `__init__.py` of this folder.
 
@@ -30,12 +30,12 @@ Settings = dict[Iterable[Line] | Line, gpiod.LineSettings | None]
 
 
 def open_output(target: str, options: dict[str, str], clock: HostClock) -> "GpioOutput":
-    """See drivers.registry for what is raised. The line is inactive from the moment it is taken."""
+    """Opens the line; see drivers.registry for what is raised. It is inactive from the moment it is taken."""
     return GpioOutput(target, *checked(target, options), clock)
 
 
 def checked(target: str, options: dict[str, str]) -> "tuple[Line, Line | None, Settings, Heartbeat]":
-    """(line, sense, settings, heartbeat). Raises ConfigurationError naming the option."""
+    """Returns (line, sense, settings, heartbeat). Raises ConfigurationError that names the option."""
     where = f"gpio:{target}"
     given = GPIO.given(options, where)
     line, sensed = _line(given.text("line"), where), given.text("sense")
@@ -60,7 +60,7 @@ def _settings(direction: Direction, low: bool) -> gpiod.LineSettings:
 
 
 class GpioOutput(Closable):
-    """line drives; sense, where there is one, reports whether the contact followed."""
+    """Drives one line; sense, where there is one, reports whether the contact followed."""
 
     def __init__(
         self,
@@ -96,7 +96,7 @@ class GpioOutput(Closable):
         return Description(f"{self._label}, line {self._line}", remarks=(beat, back))
 
     def write(self, energised: bool) -> None:
-        """Drive the line. Returns after it, or the contact where that is wired back, has followed.
+        """Drives the line. Returns after it, or the contact where that is wired back, has followed.
 
         Raises DeviceLost when the chip is gone or does not follow within 0.1 s.
         """

@@ -1,4 +1,4 @@
-"""`serialpin:/dev/ttyUSB1?pin=rts`: a control line of a serial port that drives a relay. Energised means safe.
+"""Opens `serialpin:/dev/ttyUSB1?pin=rts`: a control line of a serial port that drives a relay. Energised means safe.
 
 Its options are the rows of SERIALPIN, in the `__init__.py` of this folder.
 
@@ -24,16 +24,18 @@ from probewatch.drivers.outputs.heartbeat import Heartbeat, heartbeat_from
 
 _SENSES = {"cts": "cts", "dsr": "dsr", "dcd": "cd"}
 _BAUD, _CFLAG = 9600, 2
-"""Nothing is sent, so the speed is only one that every port has; index of the control flags in termios.tcgetattr."""
+"""Speed, which only has to be one that every port has, as nothing is sent; index of the control flags in
+termios.tcgetattr.
+"""
 
 
 def open_output(target: str, options: dict[str, str], clock: HostClock) -> "SerialPinOutput":
-    """See drivers.registry for what is raised."""
+    """Opens the port; see drivers.registry for what is raised."""
     return SerialPinOutput(target, *checked(target, options), clock)
 
 
 def checked(target: str, options: dict[str, str]) -> tuple[str, str | None, Heartbeat]:
-    """(pin, sense, heartbeat). Raises ConfigurationError naming the option."""
+    """Returns (pin, sense, heartbeat). Raises ConfigurationError that names the option."""
     given = SERIALPIN.given(options, f"serialpin:{target}")
     pin = given.word_or_none("pin")
     if pin is None:
@@ -42,7 +44,7 @@ def checked(target: str, options: dict[str, str]) -> tuple[str, str | None, Hear
 
 
 class SerialPinOutput(Closable):
-    """pin drives; sense, where there is one, reports whether the contact followed."""
+    """Drives one pin; sense, where there is one, reports whether the contact followed."""
 
     def __init__(self, path: str, pin: str, sense: str | None, heartbeat: Heartbeat, clock: HostClock) -> None:
         self._pin, self._sense, self._heartbeat, self._clock = pin, sense, heartbeat, clock
@@ -69,7 +71,7 @@ class SerialPinOutput(Closable):
         return Description(f"control line {self._pin} of a serial port", remarks=(beat, back))
 
     def write(self, energised: bool) -> None:
-        """Drive the line. Returns after the port took it, and the contact followed where that is wired back.
+        """Drives the line. Returns after the port took it, and the contact followed where that is wired back.
 
         Raises DeviceLost when the port fails or the contact does not follow within 0.1 s.
         """

@@ -1,11 +1,11 @@
-"""`tone:default`: the alarm's sound, through ALSA's own player `aplay`. Energised means silent.
+"""Opens `tone:default`: the alarm's sound, through ALSA's own player `aplay`. Energised means silent.
 
-The target is a PCM of ALSA, such as `default` or `plughw:1,0`; option pitch=HZ, 150 to 1000. The pattern of pulses is
-made by the writes, twenty a second; this output only sounds or is silent. Harmonics as IEC 60601-1-8 asks: a
-fundamental from 150 to 1000 Hz and four more partials, so that a room or an ear that swallows one hears the others.
+The target is a PCM of ALSA, such as `default` or `plughw:1,0`; option pitch=HZ, 150 to 1000. The writes, twenty a
+second, make the pattern of pulses; this output only sounds or is silent. Harmonics are as IEC 60601-1-8 requires: a
+fundamental from 150 to 1000 Hz and four more partials, so that a room or an ear that swallows one passes the others.
 
-Release: when the process dies the sound ends with it: a loudspeaker cannot fail safe. Where that matters hang a sounder
-on the normally closed contact of a relay, as `signal = "tone"` of a `relay:` or `gpio:` output.
+Release: when the process dies, the sound ends with it: a loudspeaker cannot fail safe. Where that matters, connect a
+sounder to the normally closed contact of a relay, as `signal = "tone"` of a `relay:` or `gpio:` output.
 """
 
 import os
@@ -27,34 +27,41 @@ RATE_HZ = 16_000
 """Samples a second: over twice the fifth partial of the highest pitch, 5 kHz. More makes more bytes, no other sound."""
 
 _LATENCY_US = 100_000
-"""Buffer of the sound card. More sounds and falls silent later, less crackles when the host is busy. Not measured."""
+"""Buffer of the sound card, microseconds. More starts and stops the sound later; less crackles when the host is busy.
+Not measured.
+"""
 
 _LEAD_NS, _LONGEST_NS = 150_000_000, 300_000_000
-"""How far ahead of the clock the player is fed: three writes of 50 ms, so that two may be late; and the most at once,
-after a pause. More sounds and falls silent later, less has gaps. Not measured on a busy cart."""
+"""How far ahead of the clock the player is fed, ns: three writes of 50 ms, so that two may be late; and the most at
+once, after a pause. More starts and stops the sound later; less has gaps. Not measured on a busy cart.
+"""
 
 _HARMONICS = (1.0, 0.7, 0.5, 0.35, 0.25)
-"""Amplitudes of fundamental and partials. IEC 60601-1-8 asks for four partials within 15 dB of the fundamental;
-tests/drivers/outputs/test_tone.py measures it. How other rows sound was not compared."""
+"""Amplitudes of fundamental and partials. IEC 60601-1-8 requires four partials within 15 dB of the fundamental;
+tests/drivers/outputs/test_tone.py measures it. The sound of other series was not compared.
+"""
 
 _LEVEL = 0.5
-"""Share of full scale, for the peak of all partials together. The volume is the sound card's; the rest is headroom,
-which resampling may need."""
+"""Share of full scale for the peak of all partials together. The volume is the sound card's; the rest is headroom,
+which resampling may need.
+"""
 
 _FADE = RATE_HZ // 100
-"""Samples of 10 ms. Shorter ramps click, longer ones blur pulses of 150 ms."""
+"""Samples of a ramp, 10 ms. Shorter ramps click; longer ones blur pulses of 150 ms."""
 
 _STALL_S = 0.5
-"""For which the player's pipe may stay full. More reports a hung sound card later, less a busy host as one."""
+"""Seconds for which the player's pipe may stay full. More reports a hung sound card later; less, a busy host as one."""
 
 
 def open_output(target: str, options: dict[str, str], clock: HostClock) -> "ToneOutput":
-    """See drivers.registry for what is raised. Silent until the first write."""
+    """Opens the sound card; see drivers.registry for what is raised. It is silent until the first write."""
     return ToneOutput(*checked(target, options), clock)
 
 
 def checked(target: str, options: dict[str, str]) -> tuple[str, str, int]:
-    """(player, target, pitch, Hz). Raises ConfigurationError naming the option, or the player that is not installed."""
+    """Returns (player, target, pitch, Hz). Raises ConfigurationError that names the option, or the player that is not
+    installed.
+    """
     given = TONE.given(options, f"tone:{target}")
     pitch_hz = given.integer("pitch")
     player = shutil.which("aplay")
@@ -64,7 +71,7 @@ def checked(target: str, options: dict[str, str]) -> tuple[str, str, int]:
 
 
 def tone(pitch_hz: int, first: int, count: int) -> NDArray[np.float64]:
-    """(count,) samples from sample `first` on, −1 … 1, of the fundamental and its harmonics."""
+    """Returns (count,) samples from sample `first` on, −1 … 1, of the fundamental and its harmonics."""
     phase = 2 * np.pi * pitch_hz * (first + np.arange(count)) / RATE_HZ
     waves = sum(weight * np.sin(order * phase) for order, weight in enumerate(_HARMONICS, 1))
     return np.asarray(_LEVEL * waves / sum(_HARMONICS))
@@ -101,7 +108,7 @@ class ToneOutput(Closable):
         return Description(f"tone of {self._pitch_hz} Hz through aplay", remarks=("it falls silent with the service",))
 
     def write(self, energised: bool) -> None:
-        """Silence when energised, else sound, until the next write. Raises DeviceLost."""
+        """Plays silence when energised, else sound, until the next write. Raises DeviceLost."""
         due_ns = self._clock.now_ns() + _LEAD_NS
         count = min(due_ns - self._fed_until_ns, _LONGEST_NS) * RATE_HZ // 1_000_000_000
         if count < _FADE:
@@ -127,7 +134,9 @@ class ToneOutput(Closable):
         return samples
 
     def _feed(self, data: bytes) -> None:
-        """A pipe that stays full means that the sound card does not take samples; a few blocks may wait in it."""
+        """Feeds the player. A pipe that stays full means that the sound card takes no samples; it holds a few
+        blocks.
+        """
         assert self._player.stdin is not None
         fd = self._player.stdin.fileno()
         try:

@@ -1,1 +1,1 @@
-"""Sources of poses, one folder a protocol. At this level the geometry that all trackers share."""
+"""Holds the sources of poses, one folder per protocol, and at this level the geometry and rules that trackers share."""

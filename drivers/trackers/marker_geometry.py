@@ -1,8 +1,9 @@
-"""The marker body as the tracker measures it, against its definition: how far, and whether one marker alone is off.
+"""Compares the marker body as the tracker measures it with its definition: how large the misfit is, and whether one
+marker alone is displaced.
 
-A rigid fit (Kabsch's method: the rotation from the singular values of the cross-covariance) leaves a residual at every
-marker. Where all others fit well without one marker, and without no other marker, that one is loose; where no single
-marker explains the misfit, the body is bent.
+A rigid fit (Kabsch's method: the rotation from the singular value decomposition of the cross-covariance) leaves a
+residual at every marker. If the fit is good with one particular marker left out, and with no other, that marker is
+loose. If no single marker explains the misfit, the body is bent.
 """
 
 from dataclasses import dataclass
@@ -13,36 +14,42 @@ from numpy.typing import NDArray
 from probewatch.drivers.samples import Matrix4
 
 LEAST_MARKERS = 3
-"""Three points off a line fix a rigid pose; two leave the turn about their line open."""
+"""Three points that are not on one line determine a rigid pose; two leave the rotation about their line open."""
 
 _LOOSE_SHARE = 0.35
-"""Share of the second smallest misfit, with one marker left out, below which the smallest names its marker as loose.
-More blames one marker for a body that is bent, less calls a loose one bent. A marker 5 mm off is named
-(tests/drivers/trackers/ndi/test_models.py); where the limit between the two lies was not measured."""
+"""Share of the second smallest misfit, with one marker left out, below which the smallest misfit identifies its marker
+as loose. More blames one marker for a body that is bent; less calls a loose marker a bent body. A marker 5 mm off is
+named (tests/drivers/trackers/ndi/test_models.py); where the limit between the two lies was not measured.
+"""
 
 _TOLERANCE_MM = 0.5
-"""Misfit (RMS) up to which nothing is said of single markers; above the fit of whole tools in recordings of a Polaris,
-0.13 to 0.30 mm, and below the limit of the check, 0.75 (docs/trackers.md)."""
+"""Misfit (RMS) up to which no single marker is judged. It is above the fit of whole tools in recordings of a Polaris,
+0.13 to 0.30 mm, and below the limit of the check, 0.75 (docs/trackers.md).
+"""
 
 _NEAREST_MM = 15.0
-"""How far from its place a marker may be and still be taken for it. More mistakes strays and neighbours for it, which
-are 51 mm and more away on the simulated body; less does not see a marker that has moved far."""
+"""How far a marker may be from its place and still be assigned to it. More mistakes strays and neighbours for it, which
+are 51 mm and more away on the simulated body; less does not see a marker that has moved far.
+"""
 
 _FLATTEST = 1e-3
-"""Second extent of the markers against the first from which they span a plane: 0.1 mm on 100 mm, which is noise. Less
-lets noise decide on the turn about the line."""
+"""Ratio of the markers' second extent to the first above which they span a plane: 0.1 mm on 100 mm, which is noise.
+Less lets noise determine the rotation about the line.
+"""
 
 Points = NDArray[np.float64]
-"""(n, 3) millimetres; a row of NaN is a marker that was not seen."""
+"""Array (n, 3), millimetres; a row of NaN is a marker that was not seen."""
 
 
 @dataclass(frozen=True, slots=True)
 class MarkerGeometry:
-    """rms_mm: of the residuals of all markers seen. worst_mm: largest residual. markers: how many were compared.
+    """Holds the result of a comparison of markers with their definition.
 
-    loose: index of the one marker that is off while the rest keep their shape, None where there is none; loose_mm: how
-    far it is from its place among the others, 0 without. bent: misfit that no single marker explains. Neither is said
-    of a misfit within tolerance, and `loose` needs four markers.
+    rms_mm: RMS of the residuals of all markers seen. worst_mm: largest residual. markers: how many were compared.
+
+    loose: index of the one marker that is displaced while the rest keep their shape; None where there is none.
+    loose_mm: how far it is from its place among the others; 0 where none is loose. bent: whether there is a misfit that
+    no single marker explains. A misfit within tolerance is neither, and `loose` needs four markers.
     pose: (4, 4) definition → measured.
     """
 
@@ -56,7 +63,8 @@ class MarkerGeometry:
 
 
 def marker_geometry(measured: Points, definition: Points, tolerance_mm: float = _TOLERANCE_MM) -> MarkerGeometry | None:
-    """Compare markers in the order of the definition; None where fewer than three are seen or they lie on a line.
+    """Compares markers in the order of the definition. Returns None where fewer than three are seen or they lie on a
+    line.
 
     measured, definition: (n, 3) mm, in any two frames. Raises ValueError for unequal shapes.
     """
@@ -73,10 +81,11 @@ def marker_geometry(measured: Points, definition: Points, tolerance_mm: float = 
 
 
 def in_order(found: Points, definition: Points, pose: Matrix4, nearest_mm: float = _NEAREST_MM) -> Points:
-    """Markers found without numbers, put in the order of the definition: each to its nearest place, closest pair first.
+    """Puts markers found without numbers in the order of the definition: each goes to its nearest place, closest pair
+    first.
 
-    found: (m, 3) and pose: (4, 4) definition → tracker, in the tracker's frame, mm. Returns (n, 3), NaN where none of
-    them lies within nearest_mm.
+    found: (m, 3) mm, in the tracker's frame. pose: (4, 4) definition → tracker. Returns (n, 3), NaN where no marker
+    lies within nearest_mm.
     """
     ordered = np.full_like(definition, np.nan)
     expected = definition @ pose[:3, :3].T + pose[:3, 3]
@@ -91,7 +100,7 @@ def in_order(found: Points, definition: Points, pose: Matrix4, nearest_mm: float
 
 
 def _fit(measured: Points, definition: Points) -> tuple[Matrix4, Points]:
-    """(pose (4, 4), residuals (n,) mm) of the best rigid fit."""
+    """Returns (pose (4, 4), residuals (n,) mm) of the best rigid fit."""
     centre_m, centre_d = measured.mean(axis=0), definition.mean(axis=0)
     U, _, Vt = np.linalg.svd((measured - centre_m).T @ (definition - centre_d))
     handed = np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))])
@@ -109,7 +118,7 @@ def _distances(measured: Points, definition: Points, pose: Matrix4) -> Points:
 def _loose(
     measured: Points, definition: Points, seen: NDArray[np.intp], tolerance_mm: float
 ) -> tuple[int | None, float]:
-    """The marker without which the others fit far better than with it, and how far it is off."""
+    """Returns the marker without which the others fit far better than with it, and how far it is displaced, mm."""
     if len(seen) <= LEAST_MARKERS:
         return None, 0.0
     without = sorted(_without(marker, measured, definition, seen) for marker in seen)
@@ -119,7 +128,7 @@ def _loose(
 
 
 def _without(marker: int, measured: Points, definition: Points, seen: NDArray[np.intp]) -> tuple[float, int, float]:
-    """(worst residual of the others in mm, the marker, how far it is off in mm)."""
+    """Returns (worst residual of the others in mm, the marker, how far it is displaced in mm)."""
     others = seen[seen != marker]
     if not _spans_a_plane(definition[others]):
         return np.inf, int(marker), 0.0

@@ -1,4 +1,6 @@
-"""A transform as PLUS writes it, in a recording or over the network: a rigid matrix, or why there is none."""
+"""Reads a transform as PLUS writes it, in a recording or over the network: the result is a rigid matrix, or the reason
+why there is none.
+"""
 
 from dataclasses import dataclass
 
@@ -9,8 +11,8 @@ from probewatch.drivers.samples import Matrix4, PoseStatus
 from probewatch.drivers.trackers.pose_bounds import FURTHEST_MM
 
 _ROTATION_TOLERANCE = 2e-3
-"""Largest error of RᵀR and of the last row that is rounding: PLUS prints six digits, and three would err by 1.7e-3.
-More takes a scaled matrix for a pose; an axis 2 % too long is refused
+"""Largest error of RᵀR and of the last row that counts as rounding: PLUS prints six digits, and three would err by
+1.7e-3. More takes a scaled matrix for a pose; an axis 2 % too long is refused
 (tests/drivers/recordings/test_metaimage_transforms.py).
 """
 
@@ -22,16 +24,18 @@ WITHOUT_POSE = {
     "DISABLED": PoseStatus.DISABLED,
     "REQ_TIMEOUT": PoseStatus.STALE,
 }
-"""PLUS's words: MISSING of a tool or port that is not there, OUT_OF_VIEW of one that is not seen."""
+"""Status words of PLUS without a pose. MISSING: a tool or port that is absent. OUT_OF_VIEW: a tool that is not seen."""
 
 
 GOOD = ("OK", "SWITCH1_IS_ON", "SWITCH2_IS_ON", "SWITCH3_IS_ON")
-"""PLUS's words for a good pose; of a tool with buttons it says which one is pressed."""
+"""Status words of PLUS for a good pose. For a tool with buttons the word states which one is pressed."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TransformReading:
-    """matrix: (4, 4) rigid, mm, its rotation made exactly orthonormal; None unless OK, and then reason says why."""
+    """Holds one transform that was read. matrix: (4, 4) rigid, mm, its rotation made exactly orthonormal; None unless
+    status is OK, and then reason says why.
+    """
 
     matrix: Matrix4 | None
     status: PoseStatus
@@ -39,7 +43,7 @@ class TransformReading:
 
 
 def without_matrix(status: str, name: str) -> TransformReading:
-    """What PLUS says of the transform `name` in place of OK, in capitals."""
+    """Returns the reading for the word, in capitals, that PLUS sends for the transform `name` in place of OK."""
     said = f"{printable(name)} is {printable(status)}"
     if status in WITHOUT_POSE:
         return TransformReading(None, WITHOUT_POSE[status], said)
@@ -47,7 +51,9 @@ def without_matrix(status: str, name: str) -> TransformReading:
 
 
 def rigid_reading(matrix: Matrix4, name: str) -> TransformReading:
-    """Refuse what is not rigid, by a marked reading; take the rounding of the digits sent out of what is."""
+    """Returns the reading of a matrix, with the rounding of the transmitted digits removed. A matrix that is not rigid
+    is refused: its reading has no pose, and states the reason.
+    """
     if wrong := _no_pose(matrix):
         return TransformReading(None, PoseStatus.NOT_UNDERSTOOD, f"{printable(name)} {wrong}")
     u, _, vt = np.linalg.svd(matrix[:3, :3])
@@ -57,7 +63,7 @@ def rigid_reading(matrix: Matrix4, name: str) -> TransformReading:
 
 
 def _no_pose(matrix: Matrix4) -> str:
-    """Why it is none, in words; empty where it is one."""
+    """Returns why the matrix is no pose, in words; empty where it is one."""
     if not np.isfinite(matrix).all():
         return "is not finite"
     if why := _not_rigid(matrix):
@@ -66,7 +72,7 @@ def _no_pose(matrix: Matrix4) -> str:
 
 
 def _not_rigid(matrix: Matrix4) -> str:
-    """What it is instead, as its author would recognise it; empty where it is rigid."""
+    """Returns what the matrix is instead of rigid, in terms that its author would recognise; empty if it is rigid."""
     R = matrix[:3, :3]
     if np.abs(matrix[3] - [0, 0, 0, 1]).max() > _ROTATION_TOLERANCE:
         transposed = np.abs(matrix[:, 3] - [0, 0, 0, 1]).max() <= _ROTATION_TOLERANCE

@@ -1,8 +1,10 @@
-"""Where the reference tool rests in the tracker's own frame: another place shows a blow that relative poses hide.
+"""Watches where the reference tool rests in the tracker's own frame: a change of place shows a blow that relative poses
+hide.
 
 A tracker that was moved, as by a blow against its stand, moves every tool in its frame alike, so poses relative to a
-reference tool stay as they were. The reference tool itself, moved, changes them: then the line names rotation or
-offset. Only the place of the reference shows a person that either has happened, and with the name which of the two.
+reference tool remain as they were. If the reference tool itself was moved, they change, and the line names rotation or
+offset. Only the place of the reference shows a person that either has happened; together with the named fault, or
+without one, it shows which of the two.
 """
 
 import math
@@ -14,31 +16,38 @@ from probewatch.drivers.rigid import angle_from_rotation
 from probewatch.drivers.samples import Matrix4
 
 _RESTS_NS = 3_000_000_000
-"""For which the reference must stay in one place to rest there. Less takes the pause between two breaths for rest, more
-says later that it was moved. Tried on readings that sway by 2 and 15 mm in four seconds: at one second 2 mm were."""
+"""How long the reference must stay in one place to count as resting there, ns. Less takes the pause between two breaths
+for rest; more reports later that it was moved. Tried on readings that sway by 2 and 15 mm in four seconds: with one
+second, those of 2 mm counted as rest.
+"""
 
 _STILL_MM, _STILL_RAD = 1.0, math.radians(1.0)
-"""Within which it stays: what two readings of a tool at rest differ by, as the gate of NDI's outliers has it. More
-takes a slow motion for rest, less takes noise for motion."""
+"""Differences, mm and rad, within which the reference stays in its place: those between two readings of a tool at rest,
+as in the gate for NDI's outliers. More takes a slow motion for rest; less takes noise for motion.
+"""
 
 _MOVED_MM, _MOVED_RAD = 3.0, math.radians(2.0)
-"""Between two places of rest: three times the noise along, and less than a bend or slide that must be named. A tracker
-that turns by a tenth of a degree at 1.7 m moves the reference by 3 mm. More leaves smaller blows unreported."""
+"""Differences, mm and rad, between two places of rest above which the reference was moved: three times the noise in
+translation, and less than a bend or slide that must be named. A tracker that turns by a tenth of a degree at 1.7 m
+moves the reference by 3 mm. More leaves smaller blows unreported.
+"""
 
 _REPORTED_NS = 600_000_000_000
-"""For how long it is said: until the person who was called has looked. Longer reports what is long over."""
+"""How long the move is reported, ns: until the person who was called has looked. More reports what is long over."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Place:
-    """since_ns: from when on it has been there."""
+    """Holds a place of the reference tool. since_ns: the time from which on it has been there."""
 
     pose: Matrix4
     since_ns: int
 
 
 class ReferencePlace:
-    """Give it every pose of the reference tool, (4, 4) tool → tracker, in the order of time, with host times in ns."""
+    """Watches the place of the reference tool. It must be given every pose, (4, 4) tool → tracker, in the order of
+    time, with host times in ns.
+    """
 
     def __init__(self) -> None:
         self._place: _Place | None = None
@@ -46,7 +55,7 @@ class ReferencePlace:
         self._moved: tuple[int, float, float] | None = None
 
     def take(self, t_ns: int, reference: Matrix4) -> None:
-        """The next reading."""
+        """Takes the next reading of the reference tool."""
         place = self._place
         if place is None or _apart(place.pose, reference, _STILL_MM, _STILL_RAD):
             self._place = _Place(reference, t_ns)
@@ -54,7 +63,7 @@ class ReferencePlace:
             self._note_rest(t_ns, place.pose)
 
     def remarks(self, now_ns: int) -> tuple[str, ...]:
-        """That it was moved of late, in words; empty where it was not."""
+        """Returns a remark that the reference was recently moved; empty where it was not."""
         if self._moved is None or now_ns - self._moved[0] > _REPORTED_NS:
             return ()
         _, by_mm, by_rad = self._moved
@@ -70,7 +79,7 @@ class ReferencePlace:
 
 
 def _difference(one: Matrix4, other: Matrix4) -> tuple[float, float]:
-    """mm, rad."""
+    """Returns the distance and the angle between two poses, mm and rad."""
     turn = one[:3, :3].T @ other[:3, :3]
     return float(np.linalg.norm(other[:3, 3] - one[:3, 3])), angle_from_rotation(turn)
 

@@ -1,8 +1,8 @@
-"""The second marker body on the probe, as `witness=` of a tracker's URL names it: when it counts as seen, and what is
-said of one that is not.
+"""Watches the second marker body on the probe, which `witness=` of a tracker's URL names: decides when it counts as
+seen, and reports when it is not.
 
-Nothing is concluded from a body that is not seen, so a person must see that it is not: else it stays unknown that what
-was asked for does not watch.
+Nothing is concluded from a body that is not seen. A person must therefore be told, or it would remain unknown that the
+requested second body does not watch.
 """
 
 import numpy as np
@@ -10,11 +10,13 @@ import numpy as np
 from probewatch.drivers.samples import Matrix4
 
 _AWAY_NS = 5_000_000_000
-"""For which it may be hidden before it is said. A hand passes in less; more leaves it unsaid for longer."""
+"""How long the body may be hidden before that is reported, ns. A hand passes in less; more reports it later."""
 
 
 class WitnessSight:
-    """name: for people. Give it each reading of both that were measured together, in the order of time."""
+    """Tracks whether the second marker body is seen. name: that of the body, for people. It must be given each reading
+    of both bodies that were measured together, in the order of time.
+    """
 
     def __init__(self, name: str, now_ns: int) -> None:
         self._name, self._since_ns = name, now_ns
@@ -22,8 +24,8 @@ class WitnessSight:
         self._last: tuple[Matrix4, Matrix4] | None = None
 
     def take(self, t_ns: int, probe: Matrix4, witness: Matrix4 | None) -> Matrix4 | None:
-        """The witness, or None: also where it stands still to the last bit while the probe moves, as servers repeat the
-        last pose of a tool that they no longer see. t_ns: host time.
+        """Returns the witness, or None where it is not seen. A witness that is identical to the last bit while the
+        probe moves is not seen either: servers repeat the last pose of a tool that they no longer see. t_ns: host time.
         """
         if witness is None:
             return None
@@ -34,7 +36,7 @@ class WitnessSight:
         return witness
 
     def remarks(self, now_ns: int) -> tuple[str, ...]:
-        """That it is not seen, in words; empty while it is."""
+        """Returns a remark that the second body is not seen; empty while it is."""
         away_ns = now_ns - self._since_ns
         if away_ns <= _AWAY_NS:
             return ()

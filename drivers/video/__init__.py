@@ -1,6 +1,6 @@
-"""Sources of pictures, one file or folder a scheme, and how a picture is cut out and turned.
+"""Holds the sources of pictures, one file or folder per scheme, and what cuts a picture out and turns it.
 
-What each says of itself, DRIVERS, is read without importing it (drivers/descriptor.py).
+DRIVERS describes each of them and can be read without importing the drivers (drivers/descriptor.py).
 """
 
 from probewatch.drivers.descriptor import CAMERA, FILM, SOCKET, STREAM, VIDEO_NODE, Driver, Option, Twin
@@ -10,12 +10,15 @@ _FORMATS = (
     *("GREY", "NV12", "YU12", "YV12", "YUYV", "YVYU", "UYVY"),
     *("RGB3", "BGR3", "XR24", "MJPG", "JPEG"),
 )
-"""V4L2's codes of the pixels that `v4l2/pixels.py` makes grey; grabbers for scanners offer one of them, as far as
-known. Each more is a few lines there."""
+"""V4L2's codes of the pixels that `v4l2/pixels.py` makes grey; grabbers for scanners offer one of them, as far as is
+known. Each more is a few lines there.
+"""
 _RATES_HZ, _INPUTS = (1, 1000), (0, 63)
-"""What a URL may ask of a grabber: slips are found by it, all else the device refuses. No grabber has more inputs."""
+"""Rates, Hz, and inputs that a URL may request of a grabber. They only refuse typing errors; the device refuses
+everything else. No grabber has more inputs.
+"""
 _DELAYS_MS = (0, 5000)
-"""Longest delay_ms= and error_ms=. More is a slip of the decimal point: a picture 5 s late serves no check."""
+"""Range of delay_ms= and error_ms=. More is a slip of the decimal point: a picture that is 5 s late serves no check."""
 
 V4L2 = Driver(
     "v4l2",

@@ -1,4 +1,4 @@
-"""What is cut out of a captured picture, and how it is turned to the orientation that the line works in."""
+"""Cuts the B-mode picture out of a captured one, and turns it to the orientation in which the line works."""
 
 import re
 from dataclasses import dataclass
@@ -12,8 +12,9 @@ FLIPS = {"MF": (False, False), "MN": (True, False), "UF": (False, True), "UN": (
 
 _CROP = re.compile(r"(\d{1,5}),(\d{1,5}),(\d{1,5}),(\d{1,5})")
 LEAST_PX = 16
-"""Side of the smallest picture, of any source, that is taken for one: less is a slip in an option or a damaged header.
-No picture of a scanner is near it."""
+"""Side of the smallest picture that is accepted from any source: less is a typing error in an option or a damaged
+header. No picture of a scanner is near it.
+"""
 
 CROP = Option(
     "crop",
@@ -33,13 +34,15 @@ ORIENTATION = Option(
 
 @dataclass(frozen=True, slots=True)
 class Cut:
-    """crop: (left, top, width, height) px of the B-mode picture in the captured one, None for all of it."""
+    """Represents what to cut out and how to turn it. crop: (left, top, width, height) px of the B-mode picture in the
+    captured one, None for all of it. orientation: a key of FLIPS.
+    """
 
     crop: tuple[int, int, int, int] | None
     orientation: str
 
     def require_within(self, width: int, height: int, where: str) -> None:
-        """Raises DeviceLost where a picture of that many pixels does not hold the crop."""
+        """Raises DeviceLost where a picture of width × height pixels does not contain the crop."""
         if self.crop is None:
             return
         left, top, cut_width, cut_height = self.crop
@@ -48,7 +51,7 @@ class Cut:
             raise DeviceLost(f"the picture of {width}x{height} pixels does not hold the crop", where, remedy)
 
     def apply(self, image: GreyImage, where: str) -> GreyImage:
-        """The part, turned to MF: a view of the image, no copy. Raises DeviceLost where the picture is too small."""
+        """Returns the crop, turned to MF, as a view of the image. Raises DeviceLost where the picture is too small."""
         height, width = image.shape
         self.require_within(width, height, where)
         if self.crop is not None:
@@ -59,7 +62,7 @@ class Cut:
 
 
 def cut_from(given: Given) -> Cut:
-    """Options CROP and ORIENTATION. Raises ConfigurationError."""
+    """Reads the options CROP and ORIENTATION. Raises ConfigurationError."""
     orientation, text = given.word(ORIENTATION.name), given.text(CROP.name)
     if text is None:
         return Cut(None, orientation)

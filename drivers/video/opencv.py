@@ -1,7 +1,8 @@
-"""`opencv:FILE`, `opencv:rtsp://host/stream`, `opencv:0`: whatever OpenCV can read, for what no other scheme serves.
+"""Opens `opencv:FILE`, `opencv:rtsp://host/stream`, `opencv:0`: whatever OpenCV can read, for sources that no other
+scheme serves.
 
-Its options are the rows of OPENCV, in the folder's `__init__.py`. A device or stream is stamped at its arrival less
-delay_ms, as OpenCV gives no times that can be relied on. A file plays at its own rate from the moment it is opened and
+Its options are the rows of OPENCV, in the folder's `__init__.py`. A picture of a device or stream is stamped at its
+arrival less delay_ms, as OpenCV gives no reliable times. A file plays at its own rate from the moment it is opened and
 is lost at its end. The counter counts what was read, so losses before OpenCV do not show: prefer v4l2: where it works.
 In the address of a stream write %3F for a question mark.
 """
@@ -28,30 +29,32 @@ from probewatch.drivers.video.crop import Cut, cut_from
 from probewatch.drivers.video.no_film import why_no_film
 
 _OPEN_MS, _READ_MS = 5000, 2000
-"""Given to FFmpeg for a stream. A camera that does not answer holds the thread that long before the next attempt; less
-gives up one that is slow to start. tests/live/test_network_video.py allows 8 s until it is lost, and 40 until it is
-back.
+"""Time limits for FFmpeg on a stream, ms. A camera that does not answer holds the thread that long before the next
+attempt; less gives up on one that is slow to start. tests/live/test_network_video.py allows 8 s until it is lost, and
+40 until it is back.
 """
 
 _WAITING = 4
-"""Pictures that wait for their reader, 0.13 s at 30 Hz; then the oldest gives way. More hands on older pictures after a
-hiccup, fewer loses some of them."""
+"""Pictures that wait for their reader, 0.13 s at 30 Hz; when there are more, the oldest is dropped. More passes on
+older pictures after a delay; fewer loses some of them.
+"""
 
 _MOST_PX = 1 << 24
 """Pixels of a picture, 4096 × 4096: four times those of a screen of 2560 × 1600, which is the most that the service
-takes. One of 12000 × 12000 takes OpenCV 1.6 GB, more than the unit may have."""
+takes. A picture of 12000 × 12000 takes OpenCV 1.6 GB, more than the unit may have.
+"""
 
 _LEAVE_S = 0.5
-"""For the thread to leave its read at the end. More holds up the end of the service, less leaves threads behind."""
+"""Seconds for the thread to leave its read at the end. More delays the service's end; less leaves threads behind."""
 
 _RATES_HZ = (0.1, 1000.0)
-"""Picture rates that a file may state; others are a damaged header or a film without one."""
+"""Picture rates that a file may state, Hz; others mean a damaged header or a film without one."""
 
 _CHECK = "Check the address, and that the device sends"
 
 
 def open_video(target: str, options: dict[str, str], clock: HostClock) -> "OpenCvVideo":
-    """See drivers.registry for what is raised."""
+    """Opens the source; see drivers.registry for what is raised."""
     where = f"opencv:{target}"
     delay_ms, error_ms, cut = checked(target, options)
     is_stream = "://" in target
@@ -78,13 +81,13 @@ def open_video(target: str, options: dict[str, str], clock: HostClock) -> "OpenC
 
 
 def checked(target: str, options: dict[str, str]) -> tuple[float, float, Cut]:
-    """(delay, ms; its error, ms; what to cut out). Raises ConfigurationError naming the option."""
+    """Returns (delay, ms; its error, ms; what to cut out). Raises ConfigurationError that names the option."""
     given = OPENCV.given(options, f"opencv:{target}")
     return given.number("delay_ms"), given.number("error_ms"), cut_from(given)
 
 
 def _open(source: str | int, is_stream: bool) -> Any:
-    """The time-outs are known to the backend for streams alone."""
+    """Opens the source in OpenCV. Its backend knows the timeouts for streams alone."""
     if not is_stream:
         return cv2.VideoCapture(source)
     limits = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, _OPEN_MS, cv2.CAP_PROP_READ_TIMEOUT_MSEC, _READ_MS]
@@ -92,7 +95,7 @@ def _open(source: str | int, is_stream: bool) -> Any:
 
 
 class _Times:
-    """paced: a file, whose pictures fall due one period after the other."""
+    """Determines the times of pictures. paced: whether it is a file, whose pictures are due a period apart."""
 
     def __init__(self, clock: HostClock, paced: bool, rate_hz: float, delay_ms: float, error_ms: float) -> None:
         self.clock, self.paced, self.rate_hz, self.error_ms = clock, paced, rate_hz, error_ms
@@ -100,18 +103,18 @@ class _Times:
         self._first_ns = clock.now_ns()
 
     def due_ns(self, number: int) -> int:
-        """When picture `number`, from 0, of a file falls due."""
+        """Returns when picture `number`, from 0, of a file is due."""
         return self._first_ns + round(number * 1e9 / self.rate_hz)
 
     def stamp(self, number: int) -> Stamp:
-        """Stamp of the picture that has just been read; that of a file is exact by definition."""
+        """Returns the stamp of the picture that has just been read; that of a file is exact by definition."""
         if self.paced:
             return Stamp(self.due_ns(number), round(0.5e9 / self.rate_hz))
         return Stamp(self.clock.now_ns() - self._delay_ns, self._error_ns)
 
 
 class OpenCvVideo(Closable):
-    """A thread reads, as OpenCV blocks as long as it likes; the oldest waiting picture gives way to a new one."""
+    """Reads pictures in a thread, as OpenCV may block for any time; a new picture replaces the oldest waiting one."""
 
     def __init__(self, capture: Any, where: str, times: _Times, cut: Cut) -> None:
         self._capture, self._where, self._times, self._cut = capture, where, times, cut
@@ -122,7 +125,7 @@ class OpenCvVideo(Closable):
         self._thread.start()
 
     def close(self) -> None:
-        """A read that hangs is left behind after its time-out; its thread releases the device when it returns."""
+        """Ends the reading. A read that hangs is left behind after a timeout; its thread then releases the device."""
         self._closing.set()
         self._thread.join(_LEAVE_S)
 
@@ -135,7 +138,7 @@ class OpenCvVideo(Closable):
         return Description(f"OpenCV {self._where.partition(':')[2]}", rate_hz=self._times.rate_hz, remarks=(remark,))
 
     def read(self, timeout_s: float) -> Frame | None:
-        """Next picture, or None when none came within timeout_s of the clock. Raises DeviceLost."""
+        """Returns the next picture, or None when none came within timeout_s of the clock. Raises DeviceLost."""
         with self._news:
             self._news.wait_for(lambda: self._frames or self._end, self._times.clock.real_s(timeout_s))
             if self._frames:

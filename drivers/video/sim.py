@@ -1,4 +1,4 @@
-"""`sim:/path/to/socket`: raw frames of a simulated scanner over a Unix stream socket.
+"""Opens `sim:/path/to/socket`: raw frames of a simulated scanner over a Unix stream socket.
 
 Each frame is a header of 36 bytes, little-endian, and then height × width grey bytes, row by row:
 "PWSV", version u16 = 1, bits per pixel u16 = 8, sequence u64, t_ns i64 (mid-exposure, host CLOCK_MONOTONIC),
@@ -22,26 +22,26 @@ from probewatch.drivers.video.crop import LEAST_PX
 
 _LAYOUT = struct.Struct("<4sHHQqIII")
 _MAGIC, _VERSION, _BITS = b"PWSV", 1, 8
-"""Header, as the heading of this file describes it."""
+"""Header, as the docstring of this module describes it."""
 
 _SIZE_PX = range(LEAST_PX, 4097)
-"""Sides that are no damage. The greatest picture, 16 MB, is what a false header can make us wait for."""
+"""Plausible sides of a picture. The largest, 16 MB, is the most for which a false header can make us wait."""
 
 _PATH_BYTES = 107
-"""Linux, unix(7): 108 with the closing zero."""
+"""Longest path of a socket by Linux, unix(7): 108 with the closing zero."""
 
 _CONNECT_S = 1.0
-"""The scanner runs on this host and accepts at once, or its queue is full; more delays word of that."""
+"""Seconds to connect. The scanner is on this host and accepts at once, or its queue is full; more delays the report."""
 
 _CHUNK_BYTES = 1 << 20
-"""Read at a time: three pictures of 640 × 480. Less takes more calls for a picture, more only memory."""
+"""Bytes read at a time: three pictures of 640 × 480. Less takes more calls for a picture, more only memory."""
 
 HEADER_BYTES = _LAYOUT.size
 
 
 @dataclass(frozen=True, slots=True)
 class FrameHeader:
-    """What precedes the pixels. t_ns, err_ns: see drivers.samples.Stamp."""
+    """Represents what precedes the pixels. t_ns, err_ns: see drivers.samples.Stamp."""
 
     sequence: int
     t_ns: int
@@ -51,17 +51,17 @@ class FrameHeader:
 
     @property
     def body_bytes(self) -> int:
-        """Number of pixel bytes that follow."""
+        """Returns the number of pixel bytes that follow."""
         return self.width_px * self.height_px
 
     def pack(self) -> bytes:
-        """The 36 bytes that parse() reads."""
+        """Returns the 36 bytes that parse() reads."""
         numbers = (self.sequence, self.t_ns, self.err_ns, self.width_px, self.height_px)
         return _LAYOUT.pack(_MAGIC, _VERSION, _BITS, *numbers)
 
     @classmethod
     def parse(cls, data: bytes, where: str = "") -> "FrameHeader":
-        """Exactly HEADER_BYTES bytes → header. Raises ProtocolError, naming the field that is wrong."""
+        """Parses exactly HEADER_BYTES bytes. Raises ProtocolError that names the field that is wrong."""
         if len(data) != HEADER_BYTES:
             raise ProtocolError(f"a frame header has {HEADER_BYTES} bytes, not {len(data)}", where)
         magic, version, bits, *numbers = _LAYOUT.unpack(data)
@@ -80,7 +80,7 @@ _OTHER_END = "Check what listens at the other end of the socket"
 
 
 def pack_frame(sequence: int, t_ns: int, err_ns: int, image: GreyImage) -> bytes:
-    """One frame as the socket carries it. image: (height, width) uint8."""
+    """Returns one frame as the socket carries it. image: (height, width) uint8."""
     height, width = image.shape
     return FrameHeader(sequence, t_ns, err_ns, width, height).pack() + image.tobytes()
 
@@ -100,7 +100,7 @@ def open_video(target: str, options: dict[str, str], clock: HostClock) -> "SimVi
 
 
 def checked(target: str, options: dict[str, str]) -> str:
-    """The URL. Raises ConfigurationError for an option, or a path that is too long."""
+    """Returns the URL. Raises ConfigurationError for an option, or a path that is too long."""
     where = f"sim:{target}"
     SIM.given(options, where)
     if len(os.fsencode(target)) > _PATH_BYTES:
@@ -111,7 +111,7 @@ def checked(target: str, options: dict[str, str]) -> str:
 
 
 class SimVideo(Closable):
-    """One connection; a frame that arrives in parts is kept until it is whole."""
+    """Holds one connection; a frame that arrives in parts is kept until it is whole."""
 
     def __init__(self, line: socket.socket, where: str, clock: HostClock) -> None:
         self._line, self._where, self._clock = line, where, clock
@@ -122,7 +122,9 @@ class SimVideo(Closable):
         self._line.close()
 
     def read(self, timeout_s: float) -> Frame | None:
-        """Next frame, or None when none was whole within timeout_s of the clock. Raises DeviceLost, ProtocolError."""
+        """Returns the next frame, or None when none was whole within timeout_s of the clock. Raises DeviceLost,
+        ProtocolError.
+        """
         end_s = time.monotonic() + self._clock.real_s(timeout_s)
         while True:
             frame = self._take()
@@ -133,7 +135,7 @@ class SimVideo(Closable):
                 return None
 
     def _take(self) -> Frame | None:
-        """The first whole frame that has arrived."""
+        """Returns the first whole frame that has arrived; None where there is none."""
         if len(self._received) < HEADER_BYTES:
             return None
         header = FrameHeader.parse(bytes(self._received[:HEADER_BYTES]), self._where)

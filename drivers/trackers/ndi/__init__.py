@@ -1,6 +1,6 @@
-"""Northern Digital's Combined API: Polaris, Vega and Aurora over a serial line or TCP.
+"""Reads trackers that speak Northern Digital's Combined API: Polaris, Vega and Aurora, over a serial line or TCP.
 
-What each says of itself, DRIVERS, is read without importing it (drivers/descriptor.py).
+DRIVERS describes each of them and can be read without importing the drivers (drivers/descriptor.py).
 """
 
 from dataclasses import replace
@@ -10,10 +10,11 @@ from probewatch.drivers.trackers.staleness import DEADLINE, LATENCY, LOG
 
 _TOOL = "FILE.rom|@PLUG|FILE.rom@PLUG"
 _BAUDS = ("9600", "14400", "19200", "38400", "57600", "115200", "921600", "1228739")
-"""Bits per second, of those for which the Combined API's COMM has a digit (`session.py`): faster shortens the reply,
-slower bears a longer cable. No real device was tried."""
+"""Line speeds, bits per second, from those for which the Combined API's COMM has a digit (`session.py`). Faster
+shortens the reply; slower works over a longer cable. No real device was tried.
+"""
 _COUNTERS_HZ = (1, 5000)
-"""Rates of a frame counter: beyond any device's, so that only slips are found by it."""
+"""Rates of a frame counter, Hz. They reach beyond those of any device, so that only typing errors are refused."""
 
 NDI = Driver(
     "ndi",

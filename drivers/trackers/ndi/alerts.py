@@ -1,4 +1,4 @@
-"""Asks the device which alerts it has, when a reply says that there are some or one stands that may be over."""
+"""Asks the device for its alerts, when a reply reports that there are new ones or when an active one may be over."""
 
 from probewatch.drivers.clock.host_clock import HostClock
 from probewatch.drivers.errors import DeviceLost, ProtocolError
@@ -9,18 +9,21 @@ from probewatch.drivers.trackers.ndi.session import Session
 from probewatch.drivers.trackers.ndi.status_text import BUMPED
 
 _SHARE_OF_DEADLINE = 0.5
-"""For one question about alerts, so that a tracking reply still fits before the deadline. More loses the device with
-the question, less gives slow replies up."""
+"""Share of the deadline for one question about alerts, so that a tracking reply still fits before the deadline. More
+loses the device together with the question; less gives up on slow replies.
+"""
 
 _UNANSWERED = 3
-"""Such questions in a row without an answer that lose the tracker: what it does not report may be grave. Fewer lose it
-for two damaged replies (tests/drivers/trackers/ndi/test_tracker.py), each more leaves an unknown alert half a deadline
+"""Questions in a row without an answer that lose the tracker: what it does not report may be grave. Fewer lose it for
+two damaged replies (tests/drivers/trackers/ndi/test_tracker.py); each more leaves an unknown alert for half a deadline
 longer.
 """
 
 
 class Alerts:
-    """watch: what is known by now, of a bump before this session as well. deadline_ms: of the tracker."""
+    """Keeps the alerts of the device up to date. watch: what is known so far, including a bump before this session.
+    deadline_ms: that of the tracker.
+    """
 
     def __init__(
         self, session: Session, watch: HealthWatch, exchange: Exchange, deadline_ms: float, clock: HostClock
@@ -31,13 +34,13 @@ class Alerts:
 
     @property
     def health(self) -> Health:
-        """Health of the device as a whole."""
+        """Returns the health of the device as a whole."""
         return self._watch.health
 
     def follow(self, answer: Answer) -> None:
-        """Note what a tracking reply says, and ask for the rest. Raises DeviceLost.
+        """Notes what a tracking reply reports, and asks for the rest. Raises DeviceLost.
 
-        Tools that were plugged in or unplugged need the whole start again.
+        Tools that were plugged in or unplugged require a complete restart of the session.
         """
         if answer.snapshot.ports_changed:
             raise self._lost("a tool was plugged in or unplugged", "The connection is made again")
@@ -48,16 +51,17 @@ class Alerts:
             self._look_up("Info.Status.Alerts")
 
     def clear_bump(self) -> None:
-        """A person has checked the position sensor. Raises DeviceLost, ProtocolError."""
+        """Clears the bump, after a person has checked the position sensor. Raises DeviceLost, ProtocolError."""
         self._session.clear_bump()
         self._watch.clear_bump()
         self._exchange.rest()
 
     def _look_up(self, name: str) -> None:
-        """Devices that announce new alerts without telling which count as bumped, the gravest meaning.
+        """Asks for the alerts. A device that announces new alerts but does not list them counts as bumped, the gravest
+        meaning.
 
-        One question that is not answered is no silence of the device: the next tracking reply decides that. But what it
-        does not report several times may be grave.
+        A single question without an answer does not mean that the device is silent; the next tracking reply decides
+        that. But what it fails to report several times may be grave.
         """
         try:
             alerts = self._session.parameter(name, self._wait_s)

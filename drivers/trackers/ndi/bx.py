@@ -1,4 +1,4 @@
-"""BX: the binary reply with the last pose of every enabled tool (Combined API, little-endian throughout)."""
+"""Decodes and encodes BX, the binary reply with the last pose of every enabled tool (Combined API, little-endian)."""
 
 import math
 import struct
@@ -30,7 +30,7 @@ _CODES = {state: code for code, state in _STATES.items()} | {HandleState.UNOCCUP
 
 
 def decode_bx(reply: bytes, options: int) -> TrackingReply:
-    """One whole BX reply, asked for with `options`. Raises ProtocolError for anything but a flawless reply."""
+    """Decodes one whole BX reply, requested with `options`. Raises ProtocolError for anything but a flawless reply."""
     wanted = known_options(options)
     cursor = Cursor(open_container(reply), "BX reply")
     tools = distinct_handles(tuple(_tool(cursor, wanted) for _ in range(cursor.number("B"))))
@@ -41,7 +41,7 @@ def decode_bx(reply: bytes, options: int) -> TrackingReply:
 
 
 def encode_bx(reply: TrackingReply, options: int) -> bytes:
-    """The bytes a device sends for `reply`; the fields that `options` name must be there."""
+    """Encodes `reply` as a device sends it; the fields that `options` name must be present."""
     wanted = known_options(options)
     body = struct.pack("<B", len(reply.tools)) + b"".join(_tool_bytes(tool, wanted) for tool in reply.tools)
     if wanted & Options.PASSIVE_STRAYS and reply.strays is not None:
@@ -82,7 +82,9 @@ def _stray(cursor: Cursor, wanted: int) -> ActiveStray:
 
 
 def _markers(cursor: Cursor, wanted: int) -> Markers:
-    """Without the out-of-volume option, markers outside are counted and flagged, yet their positions are left out."""
+    """Decodes a list of markers. Without the out-of-volume option, markers outside are counted and flagged, but their
+    positions are left out.
+    """
     count = cursor.number("B")
     outside = outside_flags(count, int.from_bytes(cursor.take((count + 7) // 8), "little"))
     everywhere = bool(wanted & Options.OUT_OF_VOLUME)

@@ -1,7 +1,8 @@
-"""BX2: the binary reply of newer units (Vega, Lyra, APIREV 3 on), a tree of components in NDI's general format.
+"""Decodes and encodes BX2, the binary reply of newer units (Vega, Lyra, from APIREV 3): a tree of components in NDI's
+general format.
 
-A component states its own size, so one of an unknown type is kept as it is and skipped. Unlike BX a reply never repeats
-data: a tool without news is left out.
+A component states its own size, so one of an unknown type is kept as it is and skipped. Unlike BX, a reply never
+repeats data: a tool without new data is left out.
 """
 
 import math
@@ -19,12 +20,15 @@ _HEADER = struct.Struct("<HIHI")
 
 _DEEPEST = 2
 """Levels of nesting below the top. Real replies use one, a frame with its items; a damaged one must not nest until the
-stack is full."""
+stack is full.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Tool6D:
-    """handle; status: bits 0-7 code, bit 8 missing, bits 13-15 face; transform: None if and only if missing."""
+    """Holds the pose of one tool. status: bits 0-7 code, bit 8 missing, bits 13-15 face. transform: None if and only if
+    missing.
+    """
 
     handle: int
     status: int
@@ -32,13 +36,17 @@ class Tool6D:
 
     @property
     def code(self) -> int:
-        """Error code: 0 ok, 3 partly out of volume, 9 out of volume; the rest in drivers.trackers.ndi.pose_status."""
+        """Returns the error code: 0 ok, 3 partly out of volume, 9 out of volume; the rest are in
+        drivers.trackers.ndi.pose_status.
+        """
         return self.status & 0xFF
 
 
 @dataclass(frozen=True, slots=True)
 class Marker3D:
-    """status: 0 ok, 1 missing, 2 angle, 3 bad fit, 4 outside, 5 outside and used, 6 phantom, 7, 8 saturated."""
+    """Holds one marker. status: 0 ok, 1 missing, 2 angle, 3 bad fit, 4 outside, 5 outside and used, 6 phantom, 7 and 8
+    saturated.
+    """
 
     index: int
     status: int
@@ -47,7 +55,7 @@ class Marker3D:
 
 @dataclass(frozen=True, slots=True)
 class Tool3D:
-    """Markers of one handle; 0xFFFF collects the strays."""
+    """Holds the markers of one handle; 0xFFFF collects the strays."""
 
     handle: int
     markers: tuple[Marker3D, ...]
@@ -55,7 +63,7 @@ class Tool3D:
 
 @dataclass(frozen=True, slots=True)
 class Buttons1D:
-    """Button states of one handle, 0 or 1 each."""
+    """Holds the states of the buttons of one handle, 0 or 1 each."""
 
     handle: int
     pressed: tuple[int, ...]
@@ -63,7 +71,7 @@ class Buttons1D:
 
 @dataclass(frozen=True, slots=True)
 class Errors3D:
-    """(marker index, error in mm) of one handle."""
+    """Holds (marker index, error in mm) of the markers of one handle."""
 
     handle: int
     errors_mm: tuple[tuple[int, float], ...]
@@ -71,7 +79,7 @@ class Errors3D:
 
 @dataclass(frozen=True, slots=True)
 class Alert:
-    """kind: 0 fault, 1 alert, 2 event; code: within the kind."""
+    """Holds one alert. kind: 0 fault, 1 alert, 2 event. code: that within the kind."""
 
     kind: int
     code: int
@@ -79,7 +87,7 @@ class Alert:
 
 @dataclass(frozen=True, slots=True)
 class Opaque:
-    """A component this driver has no use for, byte for byte."""
+    """Holds, byte for byte, a component for which this driver has no use."""
 
     type: int
     option: int
@@ -89,7 +97,9 @@ class Opaque:
 
 @dataclass(frozen=True, slots=True)
 class FrameItem:
-    """One exposure. type: 1 active wireless, 2 passive, 3 active, 7 magnetic. seconds, nanoseconds: device clock."""
+    """Holds one exposure. type: 1 active wireless, 2 passive, 3 active, 7 magnetic. seconds, nanoseconds: by the
+    device's clock.
+    """
 
     type: int
     sequence: int
@@ -100,7 +110,7 @@ class FrameItem:
     components: tuple["Component", ...]
 
     def tools(self) -> Iterator[Tool6D]:
-        """Every 6D item, wherever it stands."""
+        """Yields every 6D item of the exposure, in whichever component it is."""
         for component in self.components:
             if isinstance(component, SixD):
                 yield from component.items
@@ -108,42 +118,42 @@ class FrameItem:
 
 @dataclass(frozen=True, slots=True)
 class Frames:
-    """Component 0x0001."""
+    """Represents component 0x0001, exposures."""
 
     items: tuple[FrameItem, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class SixD:
-    """Component 0x0002."""
+    """Represents component 0x0002, poses of tools."""
 
     items: tuple[Tool6D, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class ThreeD:
-    """Component 0x0003."""
+    """Represents component 0x0003, markers."""
 
     items: tuple[Tool3D, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class OneD:
-    """Component 0x0004."""
+    """Represents component 0x0004, buttons."""
 
     items: tuple[Buttons1D, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class ErrorLists:
-    """Component 0x0009."""
+    """Represents component 0x0009, errors of markers."""
 
     items: tuple[Errors3D, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class Alerts:
-    """Component 0x0012."""
+    """Represents component 0x0012, alerts."""
 
     items: tuple[Alert, ...]
 
@@ -152,7 +162,7 @@ Component = Frames | SixD | ThreeD | OneD | ErrorLists | Alerts | Opaque
 
 
 def decode_bx2(reply: bytes) -> tuple[Component, ...]:
-    """One whole BX2 reply. Raises ProtocolError for anything but a flawless reply."""
+    """Decodes one whole BX2 reply. Raises ProtocolError for anything but a flawless reply."""
     cursor = Cursor(open_container(reply), "BX2 reply")
     components = _components(cursor, 0)
     cursor.finish()
@@ -160,19 +170,19 @@ def decode_bx2(reply: bytes) -> tuple[Component, ...]:
 
 
 def encode_bx2(components: tuple[Component, ...], extended: bool = False) -> bytes:
-    """The bytes a device sends; extended chooses the container without CRC."""
+    """Encodes components as a device sends them; `extended` chooses the container without CRC."""
     return encode_container(_components_bytes(components), extended)
 
 
 def frames(components: tuple[Component, ...]) -> Iterator[FrameItem]:
-    """Every exposure of a reply, in its order."""
+    """Yields every exposure of a reply, in its order."""
     for component in components:
         if isinstance(component, Frames):
             yield from component.items
 
 
 def alerts(components: tuple[Component, ...]) -> Iterator[Alert]:
-    """Every alert of a reply, at the top or within an exposure."""
+    """Yields every alert of a reply, at the top or within an exposure."""
     for component in components:
         if isinstance(component, Alerts):
             yield from component.items
@@ -265,7 +275,7 @@ def _alert(cursor: Cursor) -> Alert:
 
 
 _TYPES = {Frames: 0x0001, SixD: 0x0002, ThreeD: 0x0003, OneD: 0x0004, ErrorLists: 0x0009, Alerts: 0x0012}
-"""BX2: component types; the others are kept as they are (Opaque)."""
+"""BX2: component types; others are kept as they are (Opaque)."""
 _KNOWN = frozenset(_TYPES.values())
 
 

@@ -1,4 +1,4 @@
-"""How fast the frame counter of a tracker runs: by its kind, by what it publishes, or measured."""
+"""Determines how fast the frame counter of a tracker runs: by its kind, by what it publishes, or by measurement."""
 
 import math
 from collections.abc import Callable
@@ -13,21 +13,24 @@ _POLARIS_HZ = 60.0
 """Combined API: a Polaris counts at 60 Hz, whatever rate it measures at; a recorded 20 Hz unit steps by three."""
 
 _AURORAS_HZ = (40.0, 320.0)
-"""One count for a measurement of 25 ms, or eight. Recorded frame numbers of an Aurora V3 step by eight; that this makes
-320 Hz is inferred from their pace, that older units count single measurements is not documented."""
+"""Counter rates of an Aurora, Hz: one count per measurement of 25 ms, or eight. Recorded frame numbers of an Aurora V3
+step by eight; that this makes 320 Hz is inferred from their pace. That older units count single measurements is not
+documented.
+"""
 
 _LEARN_NS = 400_000_000
-"""How long the counter is watched: 16 measurements, to distinguish rates that differ eightfold. More delays every
-connection to an Aurora, less leaves little to a late reply."""
+"""How long the counter is watched, ns: 16 measurements, to distinguish rates that differ by a factor of eight. More
+delays every connection to an Aurora; less leaves little margin for a late reply.
+"""
 
 _LEARN_STEP_NS = 20_000_000
-"""Pause between the requests meanwhile: below the 25 ms of a measurement. Shorter asks more and learns no more."""
+"""Pause between those requests, ns: below the 25 ms of a measurement. A shorter one asks more and learns no more."""
 
 
 def frame_counter_hz(session: Session, ask: Callable[[], Answer], handle: int, clock: HostClock) -> float:
-    """Counts per second. ask: for one tracking reply, in which the tool of that handle is looked at.
+    """Returns the counts per second. ask: requests one tracking reply, of which the tool of that handle is read.
 
-    Raises DeviceLost where an Aurora's counter, of which there are two kinds, stands still.
+    Raises DeviceLost where the counter of an Aurora, of which there are two kinds, does not advance.
     """
     if session.identity.electromagnetic:
         measured_hz = _measured_hz(session.link.where, ask, handle, clock)

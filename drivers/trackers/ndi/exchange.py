@@ -1,4 +1,6 @@
-"""One good tracking reply at a time: asked again when damaged or late, refused when old, given up at the deadline."""
+"""Obtains one good tracking reply at a time: it asks again when a reply is damaged or late, refuses old replies, and
+gives up at the deadline.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,34 +12,38 @@ from probewatch.drivers.trackers.ndi.readings import Dialect, Snapshot
 from probewatch.drivers.trackers.ndi.wire import EXTENDED_START, RefusedError, decode_text
 
 _GAP_NS = 25_000_000
-"""Silence after which a broken reply has run out. USB adapters hold bytes back for up to 16 ms (the latency timer's
-default), so less takes its rest for the next reply; more delays the next try. A fact of the adapters, not measured."""
+"""Silence after which a broken reply has run out, ns. USB adapters hold bytes back for up to 16 ms (the latency timer's
+default), so less takes the rest of it for the next reply; more delays the next attempt. A property of the adapters, not
+measured.
+"""
 
 _LEAST_TRY_NS = 50_000_000
-"""What a request gets at least, besides its time on the line, when this host comes to it after the deadline. More
-reports a loss later (250 ms in all, tests/live/test_tracker_loss.py), less takes a busy host for a silent device."""
+"""Least time of a request, ns, in addition to its time on the line, when this host gets to it after the deadline. More
+reports a loss later (250 ms in all, tests/live/test_tracker_loss.py); less takes a busy host for a silent device.
+"""
 
 _TRY_SHARE, _SPARE_SHARE = 0.4, 0.5
-"""Shares of the deadline. One request waits for _TRY_SHARE, so that two find room: more leaves no second one, less
-gives slow replies up. Where two replies take more than the rest, a silence of _SPARE_SHARE comes on top of them: 9600
-baud with four tools (tests/drivers/trackers/ndi/test_tracker.py)."""
+"""Shares of the deadline. One request waits for _TRY_SHARE, so that two fit: more leaves no time for a second, less
+gives up on slow replies. Where two replies take more than the rest, a silence of _SPARE_SHARE is added to them: 9600
+baud with four tools (tests/drivers/trackers/ndi/test_tracker.py).
+"""
 
 _UNSURE_ANSWERS = 3
-"""Answers after an unanswered request whose sending time bounds nothing, as the late reply may have come in place of
-the right one. More leaves poses with the wider bound, fewer risks a false one. Not measured."""
+"""Answers after an unanswered request whose sending time bounds nothing, since the late reply may have come in place of
+the right one. More leaves poses with the wider bound; fewer risks a false one. Not measured.
+"""
 
 Accept = Callable[[Snapshot], None]
-"""Looks at a good reply and raises ProtocolError to have it refused all the same."""
+"""Inspects a good reply, and raises ProtocolError to have it refused all the same."""
 
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """sent_ns: when the request had reached the device, at the earliest; None while a late reply may have come in place
-    of the right one.
+    """Holds one good reply.
 
-    detailed: as asked.
-
-    arrival_ns: after the last byte of the reply, less the time it takes on the line: when the device began to speak.
+    sent_ns: the earliest time at which the request had reached the device; None while a late reply may have come in
+    place of the right one. detailed: whether the reply was requested with details. arrival_ns: when the device began to
+    send: the time after the last byte of the reply, less the time that the reply takes on the line.
     """
 
     snapshot: Snapshot
@@ -47,7 +53,8 @@ class Answer:
 
 
 class Exchange:
-    """refused: replies dropped because they were damaged. deadline_ns: silence after which the tracker is lost.
+    """Sends requests until a good reply comes. refused: count of replies dropped because they were damaged.
+    deadline_ns: silence after which the tracker is lost.
 
     longest: bytes of the longest reply that is expected; a longer one is noted.
     """
@@ -60,10 +67,11 @@ class Exchange:
         self._unsure = 0
 
     def ask(self, detailed: bool, accept: Accept | None = None) -> Answer:
-        """Raises DeviceLost when no good reply has come for the deadline, RefusedError when the device refuses.
+        """Returns one good reply. Raises DeviceLost when none has come within the deadline, RefusedError when the
+        device refuses.
 
-        The deadline runs from the last good reply, so that a silence between two requests counts as well. Only a line
-        on which a reply takes more than a quarter of it is given longer.
+        The deadline runs from the last good reply, so that a silence between two requests counts as well. It is
+        extended only on a line on which a reply takes more than a quarter of it.
         """
         least_ns = 2 * self.reply_ns
         timeout_ns = max(self._deadline_ns, round(_SPARE_SHARE * self._deadline_ns) + least_ns)
@@ -85,11 +93,11 @@ class Exchange:
 
     @property
     def reply_ns(self) -> int:
-        """Time on the line of the longest reply."""
+        """Returns the time on the line of the longest reply, ns."""
         return self._link.transfer_ns(self._longest)
 
     def rest(self) -> None:
-        """The device was busy with another command until now; its silence did not count."""
+        """Restarts the deadline: the device was busy with another command until now, so its silence did not count."""
         self._good_ns = self._clock.now_ns()
 
     def _ask_once(self, detailed: bool, accept: Accept | None, deadline_ns: int) -> Answer:
@@ -106,7 +114,7 @@ class Exchange:
         return Answer(snapshot, sure_ns, read_ns - self._link.transfer_ns(len(data)), detailed)
 
     def _decode(self, data: bytes, detailed: bool) -> Snapshot:
-        """The long form of a binary reply has no check sum, so over a serial line nothing in it is believed."""
+        """Decodes a reply. The long form of a binary reply has no checksum, so over a serial line it is refused."""
         if data.startswith(EXTENDED_START) and self._link.baud is not None:
             raise ProtocolError("a reply without check sum over a serial line", self._link.where)
         if data.endswith(b"\r") and len(data) < 16:

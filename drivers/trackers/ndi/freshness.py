@@ -1,7 +1,7 @@
-"""Tells new measurements of a tool from repeated ones, learns how often they come, and notices when they do not.
+"""Distinguishes new measurements of a tool from repeated ones, learns their period, and detects when they fail to come.
 
-The rules differ: TX and BX list a tool in every reply, so a clock of it that stands still is what is stale; BX2 leaves
-a tool out until there is something new, so its absence is.
+The rules differ: TX and BX list a tool in every reply, so the data are stale when the tool's clock does not advance.
+BX2 leaves a tool out until there is something new, so the data are stale when the tool is absent.
 """
 
 from probewatch.drivers.clock.counter_clock import COUNTS
@@ -10,15 +10,18 @@ from probewatch.drivers.trackers.ndi.replies import Transform
 from probewatch.drivers.trackers.staleness import FROZEN_READINGS, SLOWEST_PERIOD_NS, STALE_PERIODS
 
 _LEARNING_READINGS = 20
-"""Steps of the counter after which the shortest is taken for the period; until then the next measurement is asked for
-every millisecond. More costs requests, fewer may take the double step of a slow start for the period. Not measured."""
+"""Steps of the counter after which the shortest is taken for the period; until then the next measurement is requested
+every millisecond. More costs requests; fewer may take the double step of a slow start for the period. Not measured.
+"""
 
 
 class Freshness:
-    """frame: last frame number. device_ns: device time of the last measurement, wrap-around undone.
+    """Tracks the measurements of one tool.
 
-    period_ns: between two measurements, an upper bound at first. frozen: the pose repeats while the clock runs.
-    tick_ns: of the tick of readings: of the frame counter for TX and BX, 1 for BX2. repeats: old data are sent again.
+    frame: last frame number. device_ns: device time of the last measurement, wrap-around undone. period_ns: time
+    between two measurements; at first an upper bound. frozen: whether the pose repeats while the clock runs. tick_ns:
+    length of a tick of the readings: that of the frame counter for TX and BX, 1 for BX2. repeats: whether old data are
+    sent again.
     """
 
     def __init__(self, tick_ns: float, repeats: bool) -> None:
@@ -37,21 +40,23 @@ class Freshness:
 
     @property
     def learning(self) -> bool:
-        """Too few measurements so far to know the period."""
+        """Returns whether there have been too few measurements so far to know the period."""
         return self._learning > 0
 
     def is_old(self, reading: Reading) -> bool:
-        """Whether the device's clock runs backward in it: an old reply come late, or a clock that started again."""
+        """Returns whether the device's clock runs backward in the reading: it is an old reply that came late, or the
+        clock restarted.
+        """
         return self._tick is not None and reading.tick is not None and self._steps(reading.tick) < 0
 
     def is_new(self, reading: Reading | None, arrival_ns: int) -> bool:
-        """Whether it is another measurement than the last; take() it then."""
+        """Returns whether the reading is another measurement than the last; if so, pass it to take()."""
         if self._new_ns is None:
             self._new_ns = arrival_ns
         return reading is not None and reading.tick is not None and reading.tick != self._tick
 
     def take(self, reading: Reading, arrival_ns: int) -> None:
-        """The reading is the latest from now on."""
+        """Records the reading as the latest."""
         assert reading.tick is not None
         if self._tick is not None:
             passed_ns = self._steps(reading.tick) * self._tick_ns
@@ -67,14 +72,14 @@ class Freshness:
         self._new_ns = self._reported_ns = arrival_ns
 
     def time_ns(self, reading: Reading) -> int:
-        """Device time of a reading that has one; negative steps from the last measurement go back in time."""
+        """Returns the device time of a reading that has one; negative steps from the last one go back in time."""
         assert reading.tick is not None
         if self._tick is None:
             return round(reading.tick * self._tick_ns)
         return self.device_ns + round(self._steps(reading.tick) * self._tick_ns)
 
     def overdue(self, arrival_ns: int) -> str:
-        """Why the data are stale; empty while they are not, or while it was said less than a period ago."""
+        """Returns why the data are stale; empty while they are not, or if that was reported less than a period ago."""
         assert self._new_ns is not None
         age_ns = arrival_ns - self._new_ns
         if age_ns <= STALE_PERIODS * self.period_ns or arrival_ns - self._reported_ns < self.period_ns:
@@ -86,7 +91,7 @@ class Freshness:
         return f"{what} for {age_ns / 1e6:.0f} ms"
 
     def _steps(self, tick: int) -> int:
-        """Ticks from the last measurement on; negative when the clock ran backward."""
+        """Returns the ticks since the last measurement; negative when the clock ran backward."""
         assert self._tick is not None
         steps = tick - self._tick
         if not self._modulus:

@@ -1,5 +1,5 @@
-"""The device as a whole: system status and alerts as typed values, what passes by itself and what only a person
-ends.
+"""Represents the device as a whole: its system status and alerts as typed values, those that end by themselves and
+those that only a person can end.
 """
 
 from dataclasses import dataclass, replace
@@ -19,18 +19,22 @@ _TOO_HOT, _TOO_COLD = 0x20000000, 0x40000000
 
 _LATCHED = BUMPED
 _FORGET_NS = 3_000_000_000
-"""Age at which an alert that Info.Status.Alerts does not list is over: three looks. Less ends one that BX2 alone
-reports between two of its reports; more keeps the contact open that long after the cause has gone. Not measured."""
+"""Age, ns, at which an alert that Info.Status.Alerts does not list is over: three looks. Less ends an alert that BX2
+alone reports between two of its reports; more keeps the contact open that long after the cause has gone. Not measured.
+"""
 
 _LOOK_AGAIN_NS = 1_000_000_000
-"""Between two looks at alerts that stand. Each takes the place of a tracking reply; rarer ones delay the all-clear."""
+"""Time between two requests for the active alerts, ns. Each takes the place of a tracking reply; rarer ones delay the
+all-clear.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Health:
-    """alerts: bits that stand, of Info.Status.Alerts; a bump stands until a person clears it, whatever the device says.
+    """Holds the state of the device. alerts: active bits of Info.Status.Alerts; a bump stays active until a person
+    clears it, whatever the device reports.
 
-    system_status: of the last TX or BX reply. strays: markers that belong to no tool in the last detailed reply.
+    system_status: that of the last TX or BX reply. strays: markers that belong to no tool in the last detailed reply.
     """
 
     alerts: int = 0
@@ -51,7 +55,7 @@ class Health:
 
     @property
     def temperature_wrong(self) -> bool:
-        """Outside the range in which the device is accurate."""
+        """Returns whether the temperature is outside the range in which the device is accurate."""
         return self.too_hot or self.too_cold or bool(self.system_status & SYSTEM_TEMPERATURE)
 
     @property
@@ -60,22 +64,22 @@ class Health:
 
     @property
     def clock_unsynchronised(self) -> bool:
-        """The device's clock has lost its master; times are bound to the host's clock alone."""
+        """Returns whether the device's clock has lost its master; times are then bound to the host's clock alone."""
         return bool(self.alerts & PTP_LOST)
 
     @property
     def status_reason(self) -> StatusReason:
-        """Whether any pose of this device may be believed."""
+        """Returns whether any pose of this device may be trusted, with the reason."""
         return status_of_system(self.system_status, self.alerts)
 
     @property
     def warnings(self) -> str:
-        """What does not spoil the poses but should be known; empty in health."""
+        """Returns what does not impair the poses but should be known; empty where there is nothing."""
         return alert_text(self.alerts & HARMLESS_ALERTS)
 
 
 class HealthWatch:
-    """health: as of now. Tells when to ask the device for its alerts."""
+    """Tracks the health of the device, and decides when to ask it for its alerts. health: as of now."""
 
     def __init__(self, alerts: int, now_ns: int) -> None:
         self.health = Health(alerts)
@@ -83,24 +87,24 @@ class HealthWatch:
         self._look_ns = now_ns + _LOOK_AGAIN_NS
 
     def note(self, snapshot: Snapshot, detailed: bool, now_ns: int) -> None:
-        """What a reply reports by itself."""
+        """Records what a reply itself reports."""
         strays = snapshot.strays if detailed else self.health.strays
         if (snapshot.system_status, strays) != (self.health.system_status, self.health.strays):
             self.health = replace(self.health, system_status=snapshot.system_status, strays=strays)
         self.note_new(snapshot.alerts, now_ns)
 
     def note_new(self, alerts: int, now_ns: int) -> None:
-        """Alerts that came up."""
+        """Records alerts that came up."""
         if alerts:
             self._seen_ns |= dict.fromkeys(_bits(alerts), now_ns)
         if alerts & ~self.health.alerts:
             self.health = replace(self.health, alerts=self.health.alerts | alerts)
 
     def note_standing(self, alerts: int | None, now_ns: int) -> None:
-        """What Info.Status.Alerts says: what is no longer in it is over, and what BX2 alone reports after three
-        seconds.
+        """Records what Info.Status.Alerts reports: an alert that it does not list is over once no reply has reported it
+        for three seconds, as BX2 alone reports some.
 
-        None: the device does not say; then everything stands.
+        None: the device does not report them; then all alerts stay active.
         """
         self._look_ns = now_ns + _LOOK_AGAIN_NS
         if alerts is None:
@@ -111,15 +115,15 @@ class HealthWatch:
         self.health = replace(self.health, alerts=self.health.alerts & ~sum(over))
 
     def asks_for_new(self) -> bool:
-        """The system status says that there are new alerts."""
+        """Returns whether the system status announces new alerts."""
         return bool(self.health.system_status & SYSTEM_ALERTS_PENDING)
 
     def asks_for_standing(self, now_ns: int) -> bool:
-        """Something stands that may be over by now."""
+        """Returns whether an alert is active that may be over by now."""
         return bool(self.health.alerts & ~_LATCHED) and now_ns >= self._look_ns
 
     def clear_bump(self) -> None:
-        """A person has checked the position sensor."""
+        """Clears the bump, after a person has checked the position sensor."""
         self.health = replace(self.health, alerts=self.health.alerts & ~_LATCHED)
 
 

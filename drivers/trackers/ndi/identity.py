@@ -1,4 +1,4 @@
-"""Who the device is, and which of its replies serve best: BX2 where it has it, else BX, else TX."""
+"""Identifies the device, and chooses the reply that serves best: BX2 where the device has it, else BX, else TX."""
 
 from dataclasses import dataclass
 from enum import Enum
@@ -12,14 +12,14 @@ TEXT_ONLY_TAGS = (
     "Polaris Spectra Rev 006",
     "Polaris Spectra Rev 007",
 )
-"""Firmware whose BX replies other clients found wanting."""
+"""Firmware whose BX replies other clients found deficient."""
 
 _FIRST_API_WITH_BX2 = 3
 """Combined API: major number of APIREV, such as G.003.008, from which a device knows BX2."""
 
 
 class ReplyKind(Enum):
-    """A tracking command."""
+    """Enumerates the tracking commands."""
 
     BX2 = "bx2"
     BX = "bx"
@@ -28,9 +28,9 @@ class ReplyKind(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """title: such as "Polaris Vicra". characterised: date of the last calibration of the unit. api: such as G.003.008.
+    """Holds what the device reports about itself; texts are empty where it reports nothing.
 
-    Empty texts where the device does not say.
+    title: such as "Polaris Vicra". characterised: date of the last calibration of the unit. api: such as G.003.008.
     """
 
     title: str
@@ -41,18 +41,18 @@ class Identity:
 
     @property
     def electromagnetic(self) -> bool:
-        """An Aurora: its error field is an indicator value, its tools have no markers."""
+        """Returns whether it is an Aurora: its error field is an indicator value, and its tools have no markers."""
         return "aurora" in f"{self.title} {self.freeze_tag}".lower()
 
     @property
     def has_bx2(self) -> bool:
-        """Whether it has BX2, by the revision of its interface."""
+        """Returns whether it has BX2, judged by the revision of its interface."""
         parts = self.api.split(".")
         return len(parts) >= 2 and parts[1].isdecimal() and int(parts[1]) >= _FIRST_API_WITH_BX2
 
     @property
     def reply(self) -> ReplyKind:
-        """The tracking command to use."""
+        """Returns the tracking command to use."""
         if self.has_bx2:
             return ReplyKind.BX2
         return ReplyKind.TX if self.freeze_tag in TEXT_ONLY_TAGS else ReplyKind.BX
@@ -62,7 +62,7 @@ class Identity:
 
 
 def identity_of(version: str, api: str) -> Identity:
-    """Identity by the replies to VER 4 and APIREV; either may be empty."""
+    """Parses the replies to VER 4 and APIREV, either of which may be empty."""
     first, _, rest = version.partition("\n")
     stated = dict(line.split(":", 1) for line in rest.splitlines() if ":" in line)
     known = {key.strip(): value.strip() for key, value in stated.items()}

@@ -1,4 +1,4 @@
-"""The line to the tracker: whole replies in, whole requests out, and a deadline on every wait."""
+"""Exchanges whole requests and whole replies with the tracker over its line, with a deadline on every wait."""
 
 import select
 
@@ -13,15 +13,16 @@ _RESET = encode_text("RESET")
 
 
 class SilentError(DeviceLost):
-    """No whole reply within the deadline."""
+    """Reports that no whole reply came within the deadline."""
 
 
 class RebootedError(DeviceLost):
-    """The tracker said RESET: handles, tracking and line settings are gone."""
+    """Reports that the tracker sent RESET: handles, tracking and line settings are gone."""
 
 
 class Link:
-    """Half-duplex requests and replies over one line. where: the device, for messages. byte_log: of all bytes.
+    """Sends requests and receives replies over one half-duplex line. where: the device, for messages. byte_log: records
+    all bytes.
 
     Every method raises DeviceLost when the line fails; read_reply also raises SilentError and ProtocolError.
     """
@@ -33,17 +34,17 @@ class Link:
 
     @property
     def baud(self) -> int | None:
-        """Bits per second of the host's side; None on a network."""
+        """Returns the bits per second of the host's side; None on a network."""
         return self._line.baud
 
     def close(self) -> None:
-        """Give the line back."""
+        """Releases the line."""
         self._line.close()
         if self._byte_log is not None:
             self._byte_log.close()
 
     def set_baud(self, baud: int) -> None:
-        """Change the host's side; what was received at the old rate is thrown away."""
+        """Changes the line speed of the host's side; what was received at the old one is discarded."""
         try:
             self._line.set_baud(baud)
         except LINE_ERRORS as error:
@@ -52,11 +53,12 @@ class Link:
         self.discard()
 
     def transfer_ns(self, count: int) -> int:
-        """Time on the wire of `count` bytes, ns of the clock."""
+        """Returns the time on the wire of `count` bytes, ns of the clock."""
         return 0 if self.baud is None else count * BITS_PER_BYTE * 1_000_000_000 // self.baud
 
     def send(self, request: bytes) -> int:
-        """Throw away what came late, then write; ns of the clock just before the first byte went.
+        """Discards what came late, then writes the request. Returns the time just before the first byte went out, ns of
+        the clock.
 
         Raises RebootedError when what came late was the word RESET.
         """
@@ -72,7 +74,7 @@ class Link:
         return sent_ns
 
     def reset(self) -> None:
-        """Make the device start again; what was received is thrown away."""
+        """Makes the device restart; what was received is discarded."""
         self._remark("reset")
         self._received.clear()
         try:
@@ -82,7 +84,8 @@ class Link:
         self.discard()
 
     def read_reply(self, deadline_ns: int) -> bytes:
-        """One whole reply, text or binary. What has come by the deadline counts, however late this host looks at it.
+        """Returns one whole reply, text or binary. What has come by the deadline counts, however late this host looks
+        at it.
 
         Raises SilentError at the deadline, ProtocolError as soon as the bytes cannot be a reply.
         """
@@ -103,7 +106,7 @@ class Link:
         return reply
 
     def wait_quiet(self, gap_ns: int, deadline_ns: int) -> None:
-        """Let a broken reply run out: returns after `gap_ns` without a byte. Raises SilentError at the deadline."""
+        """Lets a broken reply run out: returns after `gap_ns` without a byte. Raises SilentError at the deadline."""
         while True:
             self.discard()
             try:
@@ -116,7 +119,7 @@ class Link:
                 raise self._silent()
 
     def discard(self) -> bytes:
-        """Forget everything received so far, and return it."""
+        """Discards everything received so far, and returns it."""
         while self._readable(0):
             self._receive()
         dropped = bytes(self._received)
@@ -124,7 +127,7 @@ class Link:
         return dropped
 
     def _fill(self, deadline_ns: int) -> None:
-        """Take in what comes next, or is there already. Raises SilentError when that is nothing."""
+        """Reads what comes next, or is already there. Raises SilentError when nothing comes."""
         remaining_ns = max(0, deadline_ns - self._clock.now_ns())
         if not self._readable(self._clock.real_s(remaining_ns / 1e9)):
             raise self._silent()
@@ -161,12 +164,12 @@ class Link:
 
 
 def refuse_reset(text: str, where: str) -> str:
-    """The text as it is. Raises RebootedError for the word RESET."""
+    """Returns the text as it is. Raises RebootedError for the word RESET."""
     if text == "RESET":
         raise RebootedError("the tracker restarted by itself", where, "Check its power supply and cables")
     return text
 
 
 def lost_by_protocol(error: ProtocolError, where: str) -> DeviceLost:
-    """A reply that ends a session, as the owner of the device shall see it."""
+    """Returns the error with which a reply that ends a session is reported to the owner of the device."""
     return DeviceLost(error.what, where, error.remedy or "The connection is made again")

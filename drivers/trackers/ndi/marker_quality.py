@@ -1,4 +1,4 @@
-"""How well one tool can be measured: the device's own figure, and its markers against their definition."""
+"""Rates how well one tool can be measured: by the device's own figure, and by its markers against their definition."""
 
 from collections.abc import Iterable
 
@@ -9,7 +9,7 @@ from probewatch.drivers.trackers.ndi.tools import Tool
 
 
 class MarkerQuality:
-    """One tool. Its geometry is worked out once for each reply with details."""
+    """Rates one tool. Its geometry is computed once for each reply with details."""
 
     def __init__(self, tool: Tool, electromagnetic: bool) -> None:
         self._tool, self._electromagnetic = tool, electromagnetic
@@ -17,7 +17,7 @@ class MarkerQuality:
         self._shape_mm: float | None = None
 
     def look(self, reading: Reading | None, detailed: Reading | None) -> MarkerBody:
-        """reading: the last one of this tool. detailed: the last one with markers."""
+        """Returns the quality at present. reading: the last one of this tool. detailed: the last one with markers."""
         error = None if reading is None or reading.transform is None else reading.transform.error
         if self._electromagnetic:
             return MarkerBody(indicator=error)
@@ -29,7 +29,9 @@ class MarkerQuality:
 
 
 def worst(bodies: Iterable[MarkerBody]) -> MarkerBody:
-    """Each figure of the body that does worst in it: a bent reference spoils a pose as much as a bent probe."""
+    """Returns, for each figure, that of the body which does worst in it: a bent reference impairs a pose as much as a
+    bent probe.
+    """
     known = tuple(bodies)
     return MarkerBody(
         fit_mm=_largest(body.fit_mm for body in known),

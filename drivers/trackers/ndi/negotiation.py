@@ -1,4 +1,4 @@
-"""What is agreed with a device that tracks: the command that asks for poses, its details, the rate of its clock."""
+"""Negotiates with a device that tracks: the command that asks for poses, whether it gives details, its clock's rate."""
 
 from dataclasses import dataclass
 
@@ -16,15 +16,17 @@ from probewatch.drivers.trackers.ndi.tools import Tool
 from probewatch.drivers.trackers.ndi.wire import RefusedError
 
 _REPLY_BYTES = 50
-"""First guess at the part of a reply that belongs to no tool: frame and status, and strays, 12 bytes each. Longer ones
-are noted when they come (Exchange)."""
+"""First guess at the bytes of a reply that belong to no tool: frame and status, and strays, 12 bytes each. Longer
+replies are noted when they come (Exchange).
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Agreed:
-    """kind: the tracking command. details: whether the device knows it with marker details.
+    """Holds what was agreed. kind: the tracking command. details: whether the device knows that command with marker
+    details.
 
-    tick_ns: of the device's clock: nanoseconds for BX2, steps of a frame counter for TX and BX.
+    tick_ns: length of a tick of the device's clock: nanoseconds for BX2, steps of a frame counter for TX and BX.
     """
 
     kind: ReplyKind
@@ -36,7 +38,7 @@ class Agreed:
 
 
 def negotiate(session: Session, options: TrackerOptions, probe: Tool, clock: HostClock) -> Agreed:
-    """The best tracking command that a device in tracking mode answers. Raises DeviceLost where it knows none."""
+    """Returns the best tracking command that a device in tracking mode answers. Raises DeviceLost if it knows none."""
     kinds = list(ReplyKind)
     for kind in kinds[kinds.index(options.reply or session.identity.reply) :]:
         spoken = dialect(kind)
@@ -65,7 +67,7 @@ def _understands(session: Session, exchange: Exchange, what: str, detailed: bool
 def _make_clock(
     session: Session, exchange: Exchange, kind: ReplyKind, options: TrackerOptions, probe: Tool, clock: HostClock
 ) -> tuple[DeviceClock, float]:
-    """(clock, nanoseconds of one tick): BX2 sends nanoseconds, TX and BX a counter."""
+    """Returns (clock, nanoseconds of one tick): BX2 sends nanoseconds, TX and BX a counter."""
     if kind is ReplyKind.BX2:
         return DeviceClock(), 1.0
     counter_hz = options.counter_hz or frame_counter_hz(

@@ -1,4 +1,4 @@
-"""`ndi+tcp://host:8765?probe=FILE.rom`: a Vega on the network; options as for `ndi:`, but without baud."""
+"""Opens `ndi+tcp://host:8765?probe=FILE.rom`, a Vega on the network. It has the options of `ndi:` except baud."""
 
 from probewatch.drivers.clock.host_clock import HostClock
 from probewatch.drivers.errors import ConfigurationError
@@ -13,13 +13,13 @@ DEFAULT_PORT = 8765
 
 
 def open_tracker(target: str, options: dict[str, str], clock: HostClock) -> NdiTracker:
-    """Connect, load the tools and start tracking; see drivers.registry for what is raised."""
+    """Connects, loads the tools and starts tracking; see drivers.registry for what is raised."""
     wanted, (host, port) = checked(target, options)
     return connect(NetworkLine(host, port, clock), f"ndi+tcp://{target}", wanted, clock)
 
 
 def checked(target: str, options: dict[str, str]) -> tuple[TrackerOptions, tuple[str, int]]:
-    """The options and (host, port). Raises ConfigurationError naming what cannot be."""
+    """Returns the options and (host, port). Raises ConfigurationError that names what is invalid."""
     url = f"ndi+tcp://{target}"
     if "baud" in options:
         raise ConfigurationError("a network has no line speed", url, "Leave baud= out")

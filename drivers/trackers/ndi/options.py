@@ -1,4 +1,4 @@
-"""The options of an NDI tracker's URL."""
+"""Parses the options of an NDI tracker's URL."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,13 +11,13 @@ from probewatch.drivers.trackers.ndi.tools import RequestedTool, parse_requested
 from probewatch.drivers.trackers.staleness import DEADLINE_MS
 
 _BAUD = 115200
-"""What every tracker of these has; a network has none, so that nothing comes of it there."""
+"""Bits per second. Every one of these trackers has this speed; on a network it has no effect."""
 
 
 @dataclass(frozen=True, slots=True)
 class TrackerOptions:
-    """Checked. witness: a second tool on the probe. further: tools besides these. reply: None lets the device's
-    firmware decide.
+    """Holds the options, checked. witness: a second tool on the probe. further: tools besides these. reply: None lets
+    the device's firmware decide.
 
     counter_hz: None for the rate that goes with the device. log: where to write the byte log.
     """
@@ -35,7 +35,7 @@ class TrackerOptions:
 
     @property
     def requested_tools(self) -> tuple[RequestedTool, ...]:
-        """All tools asked for: the probe first, then the reference, then the witness."""
+        """Returns all tools that the URL names: first the probe, then reference, witness, and the further ones."""
         return tuple(
             requested
             for requested in (self.probe, self.reference, self.witness, *self.further)
@@ -44,7 +44,7 @@ class TrackerOptions:
 
 
 def parse_options(options: dict[str, str], where: str, driver: Driver = NDI) -> TrackerOptions:
-    """Raises ConfigurationError naming the option that is unknown or out of range."""
+    """Returns the checked options. Raises ConfigurationError that names the option that is unknown or out of range."""
     given = driver.given(options, where)
     if "probe" not in options and {"reference", "witness", "tools"} & set(options):
         raise ConfigurationError(
@@ -72,7 +72,9 @@ def _requested(given: Given, name: str) -> RequestedTool | None:
 
 
 def _refuse_twice(options: dict[str, str], where: str) -> None:
-    """One tool cannot bear witness for itself, and two wireless ones of one definition cannot be distinguished."""
+    """Raises ConfigurationError where the witness is the probe or the reference: one tool cannot bear witness for
+    itself, and two wireless ones of one definition cannot be distinguished.
+    """
     if "witness" not in options:
         return
     witness = parse_requested_tool(options["witness"], where)

@@ -1,7 +1,8 @@
-"""A second look at a pose that leaps: a check sum of 16 bits lets one damage in 65536 through, and a hand cannot leap.
+"""Takes a second look at a pose that leaps: a checksum of 16 bits lets one damaged reply in 65536 through, and a hand
+cannot leap.
 
-A tool that moves on as it did, within what a hand can change of its motion, is believed at once. Anything else, and the
-first pose after a gap, is believed when the next reading agrees with it.
+A tool that continues its motion, within what a hand can change of it, is trusted at once. Any other pose, and the first
+one after a gap, is trusted when the next reading agrees with it.
 """
 
 import math
@@ -10,27 +11,32 @@ from dataclasses import dataclass
 from probewatch.drivers.trackers.ndi.replies import Transform
 
 _GAP_NS = 250_000_000
-"""After a longer one the pose before says nothing of the next: at 2 m/s half a metre lies between. More lets damage
-after a gap pass as motion, less asks for a second look after every short occlusion."""
+"""Gap, ns, after which the pose before says nothing about the next: at 2 m/s half a metre lies between. More lets
+damage after a gap pass as motion; less asks for a second look after every short occlusion.
+"""
 
 _NOISE_MM, _NOISE_RAD = 1.0, math.radians(1.0)
-"""What two poses of a tool at rest may differ by; a recorded Polaris scatters by 0.17 mm (1 σ) along its worst axis, at
-2 m. More lets greater damage pass, less doubts a tool that lies still."""
+"""Difference, mm and rad, that two poses of a tool at rest may have; a recorded Polaris scatters by 0.17 mm (1 σ) along
+its worst axis, at 2 m. More lets greater damage pass; less doubts a stationary tool.
+"""
 
 _ACCELERATION_MM_S2, _ACCELERATION_RAD_S2 = 10_000.0, 100.0
-"""One g, and as much for turns at the length of a probe (10 cm). At 60 Hz that and the noise leave 2.4 mm and 1.8°, by
-which damage may go unseen (tests/drivers/trackers/ndi/test_damage.py); less takes a second look at quick hands. No hand
-was measured.
+"""One g, and as much for rotations at the length of a probe (10 cm). At 60 Hz this and the noise leave 2.4 mm and 1.8°,
+within which damage may go unseen (tests/drivers/trackers/ndi/test_damage.py); less takes a second look at quick hands.
+No hand was measured.
 """
 
 _SPEED_MM_S, _SPEED_RAD_S = 2_000.0, 15.0
 """Fastest hand, between a doubted pose and the one that is to confirm it. More lets two damaged poses confirm each
-other, less leaves a quick hand without poses. No hand was measured."""
+other; less leaves a quick hand without poses. No hand was measured.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class _Placed:
-    """velocity_mm_s: mean since the pose before. turn_rad_s: how fast it turned since then."""
+    """Holds a pose with its motion. velocity_mm_s: mean velocity since the pose before. turn_rad_s: rate of rotation
+    since then.
+    """
 
     t_ns: int
     transform: Transform
@@ -39,21 +45,21 @@ class _Placed:
 
 
 class OutlierGate:
-    """Watches one tool; give it every pose in the order of time."""
+    """Watches one tool; it must be given every pose in the order of time."""
 
     def __init__(self) -> None:
         self._last: _Placed | None = None
         self._doubted: _Placed | None = None
 
     def believes(self, t_ns: int, transform: Transform) -> bool:
-        """Whether to pass the pose on. t_ns: device time of the measurement, ns."""
+        """Returns whether to pass the pose on. t_ns: device time of the measurement, ns."""
         if self._goes_on(t_ns, transform) or self._confirms(t_ns, transform):
             return True
         self._doubted = _Placed(t_ns, transform)
         return False
 
     def _goes_on(self, t_ns: int, transform: Transform) -> bool:
-        """Near where the motion so far leads."""
+        """Returns whether the pose is near where the motion so far leads."""
         last = self._last
         if last is None or not 0 < t_ns - last.t_ns <= _GAP_NS:
             return False
@@ -68,7 +74,9 @@ class OutlierGate:
         return True
 
     def _confirms(self, t_ns: int, transform: Transform) -> bool:
-        """The same once more, or a hand's way from the pose that was doubted."""
+        """Returns whether the pose confirms the one that was doubted: it is the same measurement once more, or as near
+        as a hand moves in that time.
+        """
         doubted, self._doubted = self._doubted, None
         if doubted is None or not 0 <= t_ns - doubted.t_ns <= _GAP_NS:
             return False
@@ -84,7 +92,7 @@ class OutlierGate:
 
 
 def _moved(before: _Placed, t_ns: int, transform: Transform) -> _Placed:
-    """The tool at t_ns, with its motion since then."""
+    """Returns the tool at t_ns, with its motion since the pose before."""
     dt_s = (t_ns - before.t_ns) / 1e9
     x, y, z = _difference(before.transform, transform)
     turn_rad_s = turn_rad(before.transform, transform) / dt_s
@@ -92,7 +100,7 @@ def _moved(before: _Placed, t_ns: int, transform: Transform) -> _Placed:
 
 
 def turn_rad(first: Transform, second: Transform) -> float:
-    """Angle between two orientations; the signs of the quaternions do not matter."""
+    """Returns the angle between two orientations; the signs of the quaternions do not matter."""
     dot = sum(a * b for a, b in zip(first.quaternion, second.quaternion, strict=True))
     return 2 * math.acos(min(abs(dot) / (math.hypot(*first.quaternion) * math.hypot(*second.quaternion)), 1.0))
 

@@ -1,4 +1,4 @@
-"""When the device is asked for poses, and for how much of them."""
+"""Plans when the device is asked for poses, and in how much detail."""
 
 import random
 
@@ -12,33 +12,39 @@ from probewatch.drivers.trackers.ndi.readings import Snapshot
 from probewatch.drivers.trackers.ndi.wire import RefusedError
 
 _BACKWARD_READINGS = 3
-"""Replies in a row with a counter that runs backward that mean a counter started again. Fewer take an old reply come
-late for one, each more costs a reply without a pose; tests/drivers/trackers/ndi/ shows both."""
+"""Replies in a row with a counter that runs backward that mean that the counter restarted. Fewer take an old reply that
+came late for a restart; each more costs a reply without a pose. tests/drivers/trackers/ndi/ shows both.
+"""
 
 _DETAILS_S = 0.1
-"""Between two replies with marker details, which are over twice as long: ten of them in the second over which the
-marker checks take the middle (docs/trackers.md). More cost poses on a slow line, fewer leave that middle to chance."""
+"""Time between two replies with marker details, which are over twice as long: there are ten in the second over which
+the marker checks take the median (docs/trackers.md). More of them cost poses on a slow line; fewer leave that median to
+chance.
+"""
 
 _RETRY_NS = 1_000_000
-"""Pause before the next request where nothing new was there. Less loads the processor
-(tests/live/test_tracker_load.py), more delays poses.
+"""Pause before the next request, ns, where nothing new was there. A shorter one loads the processor
+(tests/live/test_tracker_load.py); a longer one delays poses.
 """
 
 _LEAST_RETRIES = 4
-"""Requests that fit a period at least, where that is short: at 400 Hz one in 0.6 ms. More load the processor, fewer
-delay poses by up to a period. tests/live/test_tracker_load.py measures the load at 400 Hz."""
+"""Least number of requests in a period, where that is short: at 400 Hz there is one in 0.6 ms. More load the processor;
+fewer delay poses by up to a period. tests/live/test_tracker_load.py measures the load at 400 Hz.
+"""
 
 _EARLY_PART = 3
-"""Part of a period, as 1 to this, by which a request may come early, and which a reply may fill without making early
-requests rare. More room asks in vain more often, less leaves the bound of the device's clock wider. Not measured."""
+"""One part in this number of a period by which a request may come early, and which a reply may fill without making
+early requests rare. More room asks in vain more often; less leaves the bound of the device's clock wider. Not measured.
+"""
 
 _RISKED = 0.1
-"""Share of early requests where a reply fills over a third of the period. Each may cost a pose; with none of them
-nothing bounds the device's clock from below. Not measured."""
+"""Share of requests that come early where a reply fills over a third of the period. Each of them may cost a pose;
+without any, nothing bounds the device's clock from below. Not measured.
+"""
 
 
 class Polling:
-    """next_ns: when the next request is due. freshness, handle: of the probe's tool."""
+    """Decides when to send the next request. next_ns: when it is due. freshness, handle: those of the probe's tool."""
 
     def __init__(self, link: Link, agreed: Agreed, freshness: Freshness, handle: int) -> None:
         self.next_ns = 0
@@ -50,7 +56,7 @@ class Polling:
         self._backward = 0
 
     def ask(self) -> Answer:
-        """The next reply, with details of the markers ten times a second. Raises DeviceLost."""
+        """Returns the next reply, with details of the markers ten times a second. Raises DeviceLost."""
         interval = max(1, round(_DETAILS_S * 1e9 / self._freshness.period_ns))
         detailed = self._details and self._since_details >= interval
         try:
@@ -62,19 +68,19 @@ class Polling:
         return answer
 
     def after_doubt(self, arrival_ns: int) -> None:
-        """A pose wants to be confirmed: ask again, at once where the device repeats it."""
+        """Plans the request that confirms a pose: at once where the device repeats the pose."""
         self.next_ns = arrival_ns + _RETRY_NS * (not self._repeats)
 
     def after_nothing_new(self, arrival_ns: int) -> None:
-        """The request came too early: ask again in a part of the period."""
+        """Plans the request after one that came too early: in a part of the period."""
         self.next_ns = arrival_ns + min(_RETRY_NS, round(self._freshness.period_ns / _LEAST_RETRIES))
 
     def after_new(self, measured: Stamp, arrival_ns: int, early_ns: float) -> None:
-        """Ask again when the next measurement is due; sooner while it is not known when that is.
+        """Plans the request for when the next measurement is due, or sooner while that is not known.
 
-        Requests are spread over the time in which it may come to be there, early_ns: one that comes too early bounds
-        the device's clock from below, one that finds it bounds it from above. Where replies are so long that there is
-        no time for a second request, only some are risked.
+        Requests are spread over early_ns, the time in which the measurement may become available: a request that comes
+        too early bounds the device's clock from below, one that finds the measurement bounds it from above. Where
+        replies are so long that there is no time for a second request, only some requests take that risk.
         """
         self._since_details += 1
         period_ns = self._freshness.period_ns
@@ -87,7 +93,9 @@ class Polling:
         self.next_ns = measured.t_ns + round(period_ns - early_ns) - self._request_ns
 
     def _refuse_old(self, snapshot: Snapshot) -> None:
-        """A clock that runs backward is an old reply come late; if it insists, the device started it again."""
+        """Raises ProtocolError for an old reply that came late: the device's clock runs backward in it. If that
+        persists, the device has restarted its clock.
+        """
         reading = snapshot.tools.get(self._handle)
         older = reading is not None and self._freshness.is_old(reading)
         self._backward = self._backward + 1 if older else 0

@@ -1,4 +1,6 @@
-"""Port handles: free what a former program left, load definitions, initialise, enable, and find the tools asked for."""
+"""Manages port handles: frees those that a former program left, loads definitions, initialises and enables tools, and
+finds the requested ones.
+"""
 
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -9,21 +11,23 @@ from probewatch.drivers.trackers.ndi.tools import INFORMATION, RequestedTool, To
 from probewatch.drivers.trackers.ndi.wire import RefusedError
 
 Ask = Callable[[str, str], str]
-"""(command, arguments) → text of the reply; raises RefusedError."""
+"""Function (command, arguments) → text of the reply; raises RefusedError."""
 
 _ANY_WIRELESS = "*********1****"
 _ROUNDS = 8
-"""Rounds of asking what is to be initialised. A dual tool needs two; a device that never says "none" must come to an
-end, and each round may take 6 s for every tool."""
+"""Rounds of asking which handles are to be initialised. A dual tool needs two. A device that never answers "none" must
+not keep the loop running, and each round may take 6 s for every tool.
+"""
 
 _SROM_ERRORS = (0x13, 0x1E)
 _CONTEXT_ERRORS = (0x01, 0x0C, 0x32)
-"""Combined API, ERRORxx. To PINIT: the tool's memory has failed, or cannot be read. To PHINF: invalid command, in this
-mode, for this device."""
+"""Combined API, ERRORxx. In answer to PINIT: the tool's memory has failed, or cannot be read. In answer to PHINF:
+invalid command, not possible in this mode, not possible on this device.
+"""
 
 
 class PortHandles:
-    """warnings: takes what is no reason to give up."""
+    """Brings the port handles of one device into use. warnings: receives problems that are no reason to give up."""
 
     def __init__(self, ask: Ask, where: str, warnings: list[str]) -> None:
         self._ask, self._where, self._warnings = ask, where, warnings
@@ -32,9 +36,9 @@ class PortHandles:
         """Plug → what is wrong with the tool on it, which is not used."""
 
     def start(self, requested_tools: tuple[RequestedTool, ...]) -> tuple[Tool, ...]:
-        """Enable everything; the requested tools in their order, then all others.
+        """Enables all tools. Returns the requested ones in their order, then all others.
 
-        Raises DeviceLost where a tool is not there, ProtocolError for replies that make no sense.
+        Raises DeviceLost where a tool is absent, ProtocolError for replies that make no sense.
         """
         self._free_handles(any(requested.wireless for requested in requested_tools))
         wireless = [self._load(requested) for requested in requested_tools if requested.wireless]
@@ -52,9 +56,10 @@ class PortHandles:
         return (*chosen, *(tool for tool in tools if tool not in chosen))
 
     def _free_handles(self, unknown: bool) -> None:
-        """Those the device wants freed, and wireless tools that a former program loaded; plugs stay as they are.
+        """Frees the handles that the device wants freed, and wireless tools that a former program loaded; plugs stay as
+        they are.
 
-        unknown: whether to free those as well of which the device does not say what they are.
+        unknown: whether to free also those that the device does not describe.
         """
         for handle in self._handles("01"):
             self._ask("PHF", f"{handle:02X}")
@@ -79,7 +84,7 @@ class PortHandles:
         self._loaded[handle] = definition
 
     def _initialise(self, requested_tools: tuple[RequestedTool, ...]) -> None:
-        """Again until none is left: initialising one half of a dual tool brings the other to light."""
+        """Initialises handles in rounds until none is left: initialising one half of a dual tool reveals the other."""
         given_up: set[int] = set()
         for _ in range(_ROUNDS):
             waiting = [handle for handle in self._handles("02") if handle not in given_up]
@@ -89,7 +94,9 @@ class PortHandles:
         raise DeviceLost("tools do not become initialised", self._where, "Unplug the tools and plug them in again")
 
     def _initialised(self, handle: int, requested_tools: tuple[RequestedTool, ...]) -> bool:
-        """A wired tool whose memory cannot be read is left out, unless a definition was named for it."""
+        """Initialises one handle, and returns whether that succeeded. A wired tool whose memory cannot be read is left
+        out, unless a definition was named for it.
+        """
         information = None if handle in self._loaded else self._information(handle)
         if information is not None:
             for requested in requested_tools:
@@ -109,7 +116,9 @@ class PortHandles:
         return True
 
     def _enable(self) -> tuple[Tool, ...]:
-        """Plugs that a former program left enabled stay so; the device does not offer them for enabling again."""
+        """Enables all initialised handles. Plugs that a former program left enabled stay so; the device does not offer
+        them for enabling again.
+        """
         found = [(handle, self._information(handle)) for handle in self._handles("04")]
         for handle in self._handles("03"):
             information = self._information(handle)
@@ -119,7 +128,7 @@ class PortHandles:
         return tuple(self._tool(handle, information, sensors) for handle, information in found)
 
     def _tool(self, handle: int, information: ToolInformation | None, sensors: Counter[int]) -> Tool:
-        """Two sensors behind one plug are five degrees of freedom each."""
+        """Returns the tool of a handle. Two sensors behind one plug have five degrees of freedom each."""
         wired = information is not None and not information.wireless
         five_dof = wired and information is not None and sensors[information.socket] > 1
         return Tool(handle, information, self._loaded.get(handle), five_dof)
@@ -143,12 +152,12 @@ class PortHandles:
         return tool
 
     def _unnamed(self, plug: int) -> DeviceLost:
-        """A tool that is plugged in and was not requested."""
+        """Returns the error for a tool that is plugged in but cannot be used without a definition file."""
         remedy = f"Name its definition file in the URL: probe=FILE.rom@{plug}, or reference="
         return DeviceLost(self._silent[plug], self._where, remedy)
 
     def _information(self, handle: int) -> ToolInformation | None:
-        """Returns what the device says of the tool; None where it says nothing, or nothing that can be read."""
+        """Returns what the device reports about the tool; None where it reports nothing, or nothing readable."""
         try:
             text = self._ask("PHINF", f"{handle:02X}{INFORMATION}")
         except RefusedError as refusal:
@@ -162,7 +171,7 @@ class PortHandles:
             return None
 
     def _handles(self, group: str) -> Iterator[int]:
-        """Port handles of one group of PHSR: 00 all, 01 to free, 02 to initialise, 03 to enable."""
+        """Returns the handles of a group of PHSR: 00 all, 01 to free, 02 to initialise, 03 to enable, 04 enabled."""
         text = self._ask("PHSR", group)
         try:
             count = int(text[:2], 16)

@@ -1,4 +1,6 @@
-"""Replies → poses: what is new, when it was measured, whether it may be believed, and relative to what."""
+"""Turns replies into poses: what is new, when it was measured, whether it may be trusted, and to what it is
+relative.
+"""
 
 import math
 from dataclasses import dataclass
@@ -20,12 +22,15 @@ _FROZEN = "many poses in a row are equal to the last bit"
 
 _REFERENCE_PERIODS = 3
 """Periods of the probe by which the reference may be older: devices measure up to three kinds of tools in turn. More
-sets poses against a reference that has moved, fewer refuses mixed tools."""
+sets poses against a reference that has moved; fewer refuses mixed tools.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Bodies:
-    """reference: poses are relative to it where there is one. witness: a second tool on the probe; sight: of it."""
+    """Holds the tools in use. reference: poses are relative to it where there is one. witness: a second tool on the
+    probe. sight: tracks whether the witness is seen.
+    """
 
     probe: Tool
     reference: Tool | None = None
@@ -34,9 +39,11 @@ class Bodies:
 
 
 class PoseAssembly:
-    """readings, detailed: the last of each tool, and the last with marker details, by handle. freshness: of the probe.
-    device_clock: turns its times into the host's. doubted: poses that had to be confirmed. reference_place: of the
-    reference tool in the tracker's frame.
+    """Assembles the poses of one device.
+
+    readings, detailed: the last reading of each tool, and the last with marker details, by handle. freshness: that of
+    the probe. device_clock: converts device times to host times. doubted: count of poses that had to be confirmed.
+    reference_place: that of the reference tool in the tracker's frame.
     """
 
     def __init__(self, bodies: Bodies, agreed: Agreed, latency_ms: float) -> None:
@@ -55,7 +62,9 @@ class PoseAssembly:
         self._absent_ns: int | None = None
 
     def take(self, answer: Answer) -> bool:
-        """Whether the reply is believed: no pose that the next one counts on has leapt without being confirmed."""
+        """Records a reply, and returns whether it is trusted: no pose of the probe or the reference in it leapt and is
+        still to be confirmed.
+        """
         tools = answer.snapshot.tools
         if answer.detailed and self._probe.handle in tools:
             self.detailed |= tools
@@ -66,7 +75,7 @@ class PoseAssembly:
         return True
 
     def measured(self, answer: Answer) -> Stamp | None:
-        """When the probe's pose in a reply that was taken was measured; None where it is not a new one."""
+        """Returns when the probe's pose in a reply that was taken was measured; None where it is not a new one."""
         probe = answer.snapshot.tools.get(self._probe.handle)
         absent_ns, self._absent_ns = self._absent_ns, answer.sent_ns
         if probe is None or not self.freshness.is_new(probe, answer.arrival_ns):
@@ -76,7 +85,7 @@ class PoseAssembly:
         return self.device_clock.stamp(probe.tick, answer.arrival_ns, absent_ns, answer.sent_ns)
 
     def new_pose(self, measured: Stamp, system: StatusReason) -> Pose:
-        """The pose that measured() has found. system: what the device says of itself."""
+        """Returns the pose that measured() has found. system: what the device reports about itself."""
         probe = self.readings[self._probe.handle]
         stamp = self._monotonic.stamp(measured.t_ns - self._latency_ns, measured.err_ns)
         status_reason = self._pose_status(probe, system)
@@ -96,12 +105,14 @@ class PoseAssembly:
         return Pose(stamp, self.freshness.frame, matrix, rms_mm, PoseStatus.OK, witness=witness)
 
     def remarks(self, now_ns: int) -> tuple[str, ...]:
-        """What a person should know of the reference and of the second body, in words."""
+        """Returns what a person should know about the reference and the second body, in words."""
         sight = () if self._sight is None else self._sight.remarks(now_ns)
         return (*self.reference_place.remarks(now_ns), *sight)
 
     def overdue_pose(self, answer: Answer) -> Pose | None:
-        """Word that a new pose is overdue, once a period; None while it is not. For a reply without a new one."""
+        """Returns a pose that reports, once a period, that a new one is overdue; None while none is. It is for a reply
+        without a new pose.
+        """
         probe = answer.snapshot.tools.get(self._probe.handle)
         self.freshness.is_new(None, answer.arrival_ns)
         reason = self.freshness.overdue(answer.arrival_ns)
@@ -125,7 +136,7 @@ class PoseAssembly:
         return believed
 
     def _pose_status(self, probe: Reading, system: StatusReason) -> StatusReason:
-        """The worst word of device, probe and reference; the first that objects speaks."""
+        """Returns the first objection of device, probe and reference, in that order; (OK, "") if there is none."""
         if system[0] is not PoseStatus.OK:
             return system
         if probe.status_reason[0] is not PoseStatus.OK:
@@ -138,7 +149,7 @@ class PoseAssembly:
         return self._reference_status()
 
     def _reference_status(self) -> StatusReason:
-        """The last word on the reference, which may be a little older where the device measures the tools in turn."""
+        """Returns the last status of the reference, which may be slightly older if tools are measured in turn."""
         if self._reference is None:
             return PoseStatus.OK, ""
         reading = self.readings.get(self._reference.handle)
@@ -155,8 +166,8 @@ class PoseAssembly:
         return status, f"reference tool: {reason}" if reason else ""
 
     def _witnessed(self, probe: Reading, matrix: Matrix4, t_ns: int) -> Matrix4 | None:
-        """(4, 4) second body → tracker; None where it was not seen, or measured at another time than the probe: a hand
-        goes on meanwhile.
+        """Returns (4, 4) second body → tracker; None where it was not seen, or was measured at another time than the
+        probe, since a hand moves on meanwhile.
         """
         if self._witness is None or self._sight is None:
             return None

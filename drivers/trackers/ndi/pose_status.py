@@ -1,4 +1,4 @@
-"""Whether a reported pose may be believed: port status, system status and alerts → PoseStatus and reason."""
+"""Decides whether a reported pose may be trusted: maps port status, system status and alerts to status and reason."""
 
 from probewatch.drivers.samples import PoseStatus
 from probewatch.drivers.trackers.ndi.bx2 import Tool6D
@@ -22,8 +22,9 @@ _PORT_FAULTS = {
     0x4000: "the tracker fell behind",
     0x8000: "the tracker's data buffer is full",
 }
-"""Combined API, port status of TX and BX. Ready is bits 4 and 5, initialised and enabled. Bits 8 and 9 mean one thing
-on a Polaris and another on an Aurora, hence both in one phrase; 10, 11 and 13 are of the Aurora alone."""
+"""Combined API, port status of TX and BX. Ready is bits 4 and 5, initialised and enabled. Bits 8 and 9 have one meaning
+on a Polaris and another on an Aurora, hence one phrase names both; 10, 11 and 13 exist on the Aurora alone.
+"""
 
 _SYSTEM_FAULTS = {
     0x0001: "communication synchronisation error",
@@ -35,7 +36,7 @@ _SYSTEM_FAULTS = {
     SYSTEM_TEMPERATURE: "the tracker is outside its temperature range",
     0x0400: "the tracker's hardware configuration changed",
 }
-"""Combined API, system status of TX and BX. Old firmware alone sets bits 1, 2, 4 and 5."""
+"""Combined API, system status of TX and BX. Bits 1, 2, 4 and 5 are set by old firmware alone."""
 
 StatusReason = tuple[PoseStatus, str]
 _ABSENT = {
@@ -62,11 +63,13 @@ _CODES_6D = {
     32: (PoseStatus.DISABLED, "the tool's port is not enabled"),
     33: (PoseStatus.DISABLED, "the tool is unplugged"),
 }
-"""Combined API, 6D items of BX2: low byte of the status. A pose may come with 3 and 9 as well, and is not believed."""
+"""Combined API, 6D items of BX2: low byte of the status. With 3 and 9 a pose may come as well; it is not trusted."""
 
 
 def status_of_6d(tool: Tool6D) -> StatusReason:
-    """One item of BX2; the code decides on trust, the missing bit on there being a pose at all."""
+    """Returns the status of one item of BX2: the code decides whether a pose is trusted, the missing bit whether there
+    is one.
+    """
     unknown = (PoseStatus.NOT_UNDERSTOOD, f"the tracker gave the unknown status {tool.code}")
     status, reason = _CODES_6D.get(tool.code, unknown)
     if status is PoseStatus.OK and tool.transform is None:
@@ -75,7 +78,7 @@ def status_of_6d(tool: Tool6D) -> StatusReason:
 
 
 def status_of_tool(tool: ToolReply) -> StatusReason:
-    """One handle on its own; (OK, "") only if nothing at all speaks against its pose."""
+    """Returns the status of one handle on its own; (OK, "") only if nothing at all speaks against its pose."""
     if tool.state in _ABSENT:
         return _ABSENT[tool.state]
     return _status_of_port(tool.port_status or 0)
@@ -96,7 +99,7 @@ def _status_of_port(status: int) -> StatusReason:
 
 
 def status_of_system(system_status: int, alerts: int) -> StatusReason:
-    """The device as a whole. alerts: Info.Status.New Alerts gathered since the connection was made."""
+    """Returns the status of the whole device. alerts: Info.Status.New Alerts gathered since the connection was made."""
     if serious := alerts & ~HARMLESS_ALERTS:
         return PoseStatus.FAULT, alert_text(serious)
     if faults := _words(_SYSTEM_FAULTS, system_status):

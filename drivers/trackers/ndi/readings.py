@@ -1,4 +1,5 @@
-"""One form for what TX, BX and BX2 say of a tool, so that the rest of the driver need not know which it was.
+"""Brings what TX, BX and BX2 report about a tool into one form, so that the rest of the driver need not know which it
+was.
 
 TX and BX list every enabled tool in every reply, with old data where there are no new ones. BX2 leaves out what has not
 been measured since the last reply.
@@ -36,20 +37,23 @@ _STRAYS = 0xFFFF
 """BX2, 3D items. Marker status: outside the volume, outside and used, outside and saturated. Handle of strays."""
 
 _BINARY_TOOL_BYTES, _TEXT_TOOL_BYTES = 110, 250
-"""First guess at the longest reply for each tool with details: a tool of four markers takes 103 bytes of BX, one of
-seven 243 of TX. Too few lets the first detailed reply on a slow line come too late, until its length is known; too many
-gives a silent device on such a line longer."""
+"""First guess at the bytes of each tool in the longest reply with details: a tool of four markers takes 103 bytes of
+BX, one of seven 243 of TX. Too few let the first detailed reply on a slow line come too late, until its length is
+known; too many give a silent device on such a line longer.
+"""
 
 _MOST_LISTED = 256
-"""Largest of BX2's marker indices, which have 16 bits: more than any tool has, and little memory for one that is
-damaged."""
+"""Largest of BX2's marker indices, which have 16 bits: more than any tool has, and little memory for an index that is
+damaged.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MarkerReading:
-    """positions_mm: (n, 3), in the order of the definition if ordered, else in the order in which they were found.
+    """Holds the markers of one tool. positions_mm: (n, 3), in the order of the definition if ordered, else in the order
+    in which they were found.
 
-    outside: how many of those are out of the volume.
+    outside: how many of them are out of the volume.
     """
 
     positions_mm: Points
@@ -59,7 +63,8 @@ class MarkerReading:
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """One tool. status_reason: whether its pose may be believed. transform: None where it was not seen.
+    """Holds what a reply reports about one tool. status_reason: whether its pose may be trusted. transform: None where
+    it was not seen.
 
     tick: value of the device's clock: frame counter (32 bits) for TX and BX, nanoseconds for BX2; None if not stated.
     frame: frame number, as it is logged. markers: None where the reply has no details.
@@ -73,15 +78,16 @@ class Reading:
 
     @property
     def usable(self) -> bool:
-        """Whether its pose may be believed as far as this reply alone shows."""
+        """Returns whether its pose may be trusted as far as this reply alone shows."""
         return self.status_reason[0] is PoseStatus.OK and self.transform is not None
 
 
 @dataclass(frozen=True, slots=True)
 class Snapshot:
-    """One reply. tools: by port handle. alerts: mask as of Info.Status.Alerts, as far as BX2 reports it.
+    """Holds one reply. tools: by port handle. alerts: mask as of Info.Status.Alerts, as far as BX2 reports it.
 
-    strays: number of markers that belong to no tool. ports_changed: a tool or a unit was plugged in or unplugged.
+    strays: number of markers that belong to no tool. ports_changed: whether a tool or a unit was plugged in or
+    unplugged.
     """
 
     tools: dict[int, Reading] = field(default_factory=dict)
@@ -92,28 +98,28 @@ class Snapshot:
 
 
 class Dialect(Protocol):
-    """How to ask for poses and read the answer. repeats: whether old data are sent again.
+    """Asks for poses with one tracking command, and reads the answer. repeats: whether old data are sent again.
 
-    tool_bytes: about what a tool of four markers takes in a detailed reply.
+    tool_bytes: approximate bytes of a tool of four markers in a detailed reply.
     """
 
     repeats: bool
     tool_bytes: int
 
     def request(self, detailed: bool) -> bytes:
-        """The bytes to send. detailed: marker positions, flags and strays as well."""
+        """Returns the bytes to send. detailed: whether to ask for marker positions, flags and strays as well."""
 
     def decode(self, reply: bytes, detailed: bool) -> Snapshot:
-        """One whole reply to that request. Raises ProtocolError."""
+        """Decodes one whole reply to that request. Raises ProtocolError."""
 
 
 def dialect(kind: ReplyKind) -> Dialect:
-    """The one that goes with a tracking command."""
+    """Returns the dialect of a tracking command."""
     return Bx2Dialect() if kind is ReplyKind.BX2 else RepeatingDialect(kind)
 
 
 class RepeatingDialect:
-    """Requests and replies of TX or BX, which repeat a measurement."""
+    """Makes requests and reads replies of TX or BX, which repeat a measurement."""
 
     repeats = True
 
@@ -136,7 +142,7 @@ class RepeatingDialect:
 
 
 class Bx2Dialect:
-    """Requests and replies of BX2."""
+    """Makes requests and reads replies of BX2."""
 
     repeats = False
     tool_bytes = _BINARY_TOOL_BYTES
@@ -145,7 +151,7 @@ class Bx2Dialect:
         return _BX2_REQUESTS[detailed]
 
     def decode(self, reply: bytes, detailed: bool) -> Snapshot:
-        """Decode a reply. Where it has two exposures, the later one counts for a tool that is in both."""
+        """Decodes a reply. Where it has two exposures, the later one counts for a tool that is in both."""
         components = bx2.decode_bx2(reply)
         tools: dict[int, Reading] = {}
         strays = 0
@@ -174,7 +180,9 @@ def _absent(tool: ToolReply) -> Reading:
 
 
 def _markers(markers: Markers, information: ToolInformation | None) -> MarkerReading:
-    """The markers are listed without numbers; the flags show which ones they are, if they agree on how many."""
+    """Returns the markers of a tool. They are listed without numbers; the flags show which ones they are, if both agree
+    on how many there are.
+    """
     positions = _points([place for place in markers.positions_mm if place is not None])
     seen = [i for i, flag in enumerate(information.markers) if flag] if information is not None else []
     if len(seen) != len(positions):

@@ -1,4 +1,4 @@
-"""What TX and BX say, as values. Lengths in mm, quaternions scalar first, flags of markers in the order A, B, C …"""
+"""Represents replies of TX and BX: lengths in mm, quaternions scalar first, flags of markers in the order A, B, C …"""
 
 import math
 from dataclasses import dataclass
@@ -13,14 +13,16 @@ Position = tuple[float, float, float]
 """x, y, z in the tracker's frame, mm."""
 
 MOST_MARKERS = 20
-"""Marker places of one tool, A to T: as many states in the tool information, as many positions in a .rom file."""
+"""Marker places of one tool, A to T: as many as states in the tool information and positions in a .rom file."""
 
 STRAY_STATES = (0x00, 0x01, 0x02, 0x08)
 """Combined API, single stray marker of TX and BX: none, valid, missing, out of volume. Others mean a damaged reply."""
 
 
 class Options(IntEnum):
-    """Reply options of TX and BX; the sum is the request's argument and decides how the reply is read."""
+    """Enumerates the reply options of TX and BX; their sum is the request's argument and decides how a reply is
+    read.
+    """
 
     POSE = 0x0001
     TOOL_INFORMATION = 0x0002
@@ -28,14 +30,14 @@ class Options(IntEnum):
     TOOL_MARKERS = 0x0008
     OUT_OF_VOLUME = 0x0800
     PASSIVE_STRAYS = 0x1000
-    """Bits by the Combined API, reply options of TX and BX."""
+    """Combined API, reply options of TX and BX: bits."""
 
 
 _ALL_OPTIONS = sum(Options)
 
 
 class HandleState(Enum):
-    """How a port handle is listed."""
+    """Enumerates the states in which a port handle is listed."""
 
     VALID = "valid"
     MISSING = "missing"
@@ -45,8 +47,10 @@ class HandleState(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Transform:
-    """A tool's pose. quaternion: (q0, qx, qy, qz), unit, of arbitrary sign. error: marker fit RMS, mm (Polaris), or
-    indicator value (Aurora).
+    """Holds a tool's pose. quaternion: (q0, qx, qy, qz), unit, of arbitrary sign. error: marker fit RMS, mm (Polaris),
+    or indicator value (Aurora).
+
+    Raises ProtocolError for a quaternion that is not unit, and for values beyond FURTHEST_MM.
     """
 
     quaternion: tuple[float, float, float, float]
@@ -55,20 +59,22 @@ class Transform:
 
     def __post_init__(self) -> None:
         length = math.hypot(*self.quaternion)
-        if not abs(length - 1.0) <= UNIT_TOLERANCE:  # not a number fails every comparison
+        if not abs(length - 1.0) <= UNIT_TOLERANCE:  # NaN fails every comparison
             raise ProtocolError(f"a pose whose quaternion has length {length:.4g}")
         for value in (*self.translation_mm, self.error):
             if not -FURTHEST_MM <= value <= FURTHEST_MM:
                 raise ProtocolError(f"a pose with {value:.4g} mm in it")
 
     def matrix(self) -> Matrix4:
-        """(4, 4) tool → tracker, mm."""
+        """Returns the transform (4, 4) tool → tracker, mm."""
         return pose_matrix(self.quaternion, self.translation_mm)
 
 
 @dataclass(frozen=True, slots=True)
 class Markers:
-    """Single markers. outside: (n,) out of the measurement volume. positions_mm: (n,), None where not reported."""
+    """Holds single markers. outside: (n,) whether each is out of the measurement volume. positions_mm: (n,), None where
+    not reported.
+    """
 
     outside: tuple[bool, ...]
     positions_mm: tuple[Position | None, ...]
@@ -76,7 +82,8 @@ class Markers:
 
 @dataclass(frozen=True, slots=True)
 class ToolInformation:
-    """flags: bad fit 1, too few markers 2, infrared interference 4, fell behind 8, face 0x70, exception 0x80.
+    """Holds the details of one tool. flags: bad fit 1, too few markers 2, infrared interference 4, fell behind 8, face
+    0x70, exception 0x80.
 
     markers: (20,) 0 unused or missing, 1 beyond its angle, 2 beyond its error, 3 used, 4 used and outside, 5 outside.
     """
@@ -87,7 +94,7 @@ class ToolInformation:
 
 @dataclass(frozen=True, slots=True)
 class ActiveStray:
-    """status: 0 none, 1 valid, 2 missing, 8 out of volume. position_mm: None unless reported."""
+    """Holds a single stray marker. status: 0 none, 1 valid, 2 missing, 8 out of volume. position_mm: None if absent."""
 
     status: int
     position_mm: Position | None = None
@@ -95,7 +102,7 @@ class ActiveStray:
 
 @dataclass(frozen=True, slots=True)
 class ToolReply:
-    """One port handle of a reply; a field is None where the options or the state leave it out."""
+    """Holds one port handle of a reply; a field is None where the options or the state leave it out."""
 
     handle: int
     state: HandleState
@@ -109,48 +116,48 @@ class ToolReply:
 
 @dataclass(frozen=True, slots=True)
 class TrackingReply:
-    """One TX or BX reply. system_status: bits as in docs/protocols.md, 0 in health."""
+    """Holds one TX or BX reply. system_status: bits as in docs/protocols.md, 0 in health."""
 
     tools: tuple[ToolReply, ...]
     system_status: int = 0
     strays: Markers | None = None
 
     def tool(self, handle: int) -> ToolReply | None:
-        """The entry of one handle, whatever the order of the reply."""
+        """Returns the entry of one handle, whatever the order of the reply; None where it is not listed."""
         return next((tool for tool in self.tools if tool.handle == handle), None)
 
 
 def known_options(options: int) -> int:
-    """The options as given. Raises ProtocolError for reply options this decoder cannot read."""
+    """Returns the options as given. Raises ProtocolError for reply options that this decoder cannot read."""
     if options & ~_ALL_OPTIONS:
         raise ProtocolError(f"reply options {options:04X} are not supported")
     return int(options)
 
 
 def distinct_handles(tools: tuple[ToolReply, ...]) -> tuple[ToolReply, ...]:
-    """The tools as given. Raises ProtocolError when a handle is listed twice."""
+    """Returns the tools as given. Raises ProtocolError when a handle is listed twice."""
     if len({tool.handle for tool in tools}) != len(tools):
         raise ProtocolError("a port handle is listed twice")
     return tools
 
 
 def outside_flags(count: int, bits: int) -> tuple[bool, ...]:
-    """Bit i is marker i. Raises ProtocolError for a bit without a marker."""
+    """Returns whether each marker is out of the volume; bit i is marker i. Raises ProtocolError for further bits."""
     if bits >> count:
         raise ProtocolError(f"out-of-volume bits {bits:#x} for {count} markers")
     return tuple(bool(bits >> i & 1) for i in range(count))
 
 
 def marker_nibbles(packed: int) -> tuple[int, ...]:
-    """(20,) marker states; marker A is the lowest nibble."""
+    """Returns (20,) marker states; marker A is the lowest nibble."""
     return tuple(packed >> 4 * i & 0xF for i in range(MOST_MARKERS))
 
 
 def packed_nibbles(markers: tuple[int, ...]) -> int:
-    """The inverse of marker_nibbles."""
+    """Computes the inverse of marker_nibbles."""
     return sum(state << 4 * i for i, state in enumerate(markers))
 
 
 def outside_bits(markers: Markers) -> int:
-    """The inverse of outside_flags."""
+    """Computes the inverse of outside_flags."""
     return sum(1 << i for i, outside in enumerate(markers.outside) if outside)

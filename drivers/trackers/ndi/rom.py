@@ -1,4 +1,4 @@
-"""Tool definition files (.rom): the 752 bytes that define for a tracker where a passive tool's markers sit.
+"""Reads tool definition files (.rom): the 752 bytes that define for a tracker where a passive tool's markers are.
 
 Layout: `NDI\\0`, u16 sum of all bytes from offset 6 modulo 65536, subtype at 12, main type at 15 (01 reference,
 02 probe), markers as f32 x y z from 0x48, manufacturer at 0x244, part number at 0x250; little-endian.
@@ -21,14 +21,17 @@ ROM_BYTES = 752
 CHUNK_BYTES = 64
 _LARGEST = 1024
 """Combined API: size of a definition (all public ones have it), bytes of one PVWR, and the sixteen PVWR that other
-clients fill with zeros to the end; a longer file is another kind of file."""
+clients fill up to with zeros; a longer file is another kind of file.
+"""
 
 _REMEDY = "Name the .rom file that came with the tool"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ToolDefinition:
-    """One tool. image: its 752 bytes. main_type: 1 reference, 2 probe, 3 button box. markers_mm: (n, 3) on the body."""
+    """Holds the definition of one tool. image: its 752 bytes. main_type: 1 reference, 2 probe, 3 button box.
+    markers_mm: (n, 3) on the body.
+    """
 
     image: bytes
     main_type: int
@@ -37,7 +40,7 @@ class ToolDefinition:
 
 
 def definition_of(image: bytes) -> ToolDefinition:
-    """What an image of at least 752 bytes says, whether its check sum is right or not."""
+    """Parses an image of at least 752 bytes, whether its checksum is right or not."""
     count = min(struct.unpack_from("<I", image, 28)[0], MOST_MARKERS)
     markers_mm = np.array(struct.unpack_from(f"<{3 * count}f", image, 0x48), np.float64).reshape(count, 3)
     part_number = printable_bytes(image[0x250:0x264])
@@ -45,7 +48,7 @@ def definition_of(image: bytes) -> ToolDefinition:
 
 
 def read_rom(path: str) -> ToolDefinition:
-    """One tool, checked. Raises ConfigurationError when the file is absent or damaged."""
+    """Reads and checks the definition of one tool. Raises ConfigurationError when the file is absent or damaged."""
     try:
         image = read_bounded(Path(path), _LARGEST)
     except OSError as error:
@@ -58,11 +61,11 @@ def read_rom(path: str) -> ToolDefinition:
 
 
 def rom_sum(image: bytes) -> int:
-    """What belongs at offset 4."""
+    """Returns the checksum that belongs at offset 4."""
     return sum(image[6:]) & 0xFFFF
 
 
 def rom_chunks(image: bytes) -> Iterator[tuple[int, bytes]]:
-    """(address, 64 bytes) for PVWR; the last chunk is padded with zeros."""
+    """Yields (address, 64 bytes) for PVWR; the last chunk is padded with zeros."""
     for address in range(0, len(image), CHUNK_BYTES):
         yield address, image[address : address + CHUNK_BYTES].ljust(CHUNK_BYTES, b"\0")

@@ -27,60 +27,72 @@ COMM_CODES = {
 """Combined API, COMM: bits per second → first digit."""
 
 _USUAL_BAUDS = (FIRST_BAUD, 115200)
-"""Speeds at which trackers are found: power-up, and that of clients which never go back."""
+"""Speeds at which trackers are found: that of power-up, and that of clients which never switch back."""
 
 _S = 1_000_000_000
 _REPLY_S = 2.0
 _SLOW_S = {"INIT": 6.0, "PINIT": 6.0, "TSTART": 6.0, "SET": 8.0, "GET": 8.0}
 """Seconds for a reply. A Vicra publishes (Info.Timeout) 2 for most commands, 6 for PINIT and TSTART, 8 for SET and GET,
-4 for INIT, whose first may take 5 by other clients. More delays word of a device that has failed, less gives up on one
-that is busy."""
+and 4 for INIT, of which the first may take 5 according to other clients. More delays the report of a device that has
+failed; less gives up on one that is busy.
+"""
 
 _REPLY_BYTES = 64
-"""Reply to a command whose time on the line is granted twice over, besides those seconds: 67 ms at 9600 baud. Longer
-replies use up some of the seconds."""
+"""Bytes of the reply to a command whose time on the line is granted twice over, in addition to those seconds: 67 ms at
+9600 baud. Longer replies use up some of the seconds.
+"""
 
 _KNOCK_S = 0.3
-"""For INIT at a speed that may be wrong. ndicapi allows 0.2 s; more delays the search by each of nine speeds, less
-misses a device that is busy. All first connections of tests/drivers/trackers/ndi/test_connection.py succeed with it."""
+"""Seconds for INIT at a speed that may be wrong. ndicapi allows 0.2 s. More delays the search by that much for each of
+nine speeds; less misses a device that is busy. All first connections of tests/drivers/trackers/ndi/test_connection.py
+succeed with it.
+"""
 
 _LISTEN_S = 1.5
 _SEARCH_S = 8.0
-"""After a break: for INIT at 9600 baud in each round, and for all rounds. Simulated devices are back after 1 s; ndicapi
-waits 7 s for a real one to say RESET. More delays the report that no device is there, less misses a slow start."""
+"""Seconds after a break: for INIT at 9600 baud in each round, and for all rounds. Simulated devices are back after 1 s;
+ndicapi waits 7 s for a real one to send RESET. More delays the report that no device is there; less misses a slow
+start.
+"""
 
 _SWITCH_S = 0.1
-"""Between the OKAY to COMM and the first byte at the new speed; other clients wait 0.1 to 0.2 s. Less may find the
-device still at the old one, more delays each connection."""
+"""Seconds between the OKAY to COMM and the first byte at the new speed; other clients wait 0.1 to 0.2 s. Less may find
+the device still at the old one; more delays each connection.
+"""
 
 _NETWORK_KNOCK_S = 1.0
 _NETWORK_SEARCH_S = 12.0
 _RECONNECT_S = 0.25
-"""On a network: for INIT, for all of the search after RESET, and between its connections. Clients wait 8 s after RESET;
-how soon a Vega listens again is not published. More delays word that it does not come back."""
+"""Seconds on a network: for INIT, for the whole search after RESET, and between its connections. Clients wait 8 s after
+RESET; how soon a Vega listens again is not published. More delays the report that it does not come back.
+"""
 
 _QUIET_NS, _RUN_OUT_NS = 50_000_000, 500_000_000
-"""Silence that ends a damaged or late reply, and when it is no longer waited for. Twice that of a tracking reply
-(drivers.trackers.ndi.exchange), as nothing is urgent here; 0.5 s are 480 bytes at 9600 baud."""
+"""Silence that ends a damaged or late reply, and the time after which it is no longer waited for, ns. The silence is
+twice that of a tracking reply (drivers.trackers.ndi.exchange), as nothing is urgent here; 0.5 s are 480 bytes at 9600
+baud.
+"""
 
 _LEAVE_S = 0.5
-"""For each of the two last commands. A device that is gone delays the next connection by them; less may leave a
-slow one tracking."""
+"""Seconds for each of the two last commands. A device that is gone delays the next connection by them; less may leave a
+slow one tracking.
+"""
 
 _CONNECT_ATTEMPTS = 3
-"""Times that the start sequence is gone through. Where one in five has a damaged reply, as users report of high line
-speeds, three fail once in 125; each may take seconds, and a line that bad is to be reported."""
+"""Number of attempts at the start sequence. Where one in five has a damaged reply, as users report of high line speeds,
+all three fail once in 125. Each may take seconds, and a line worse than that is to be reported.
+"""
 
 _MONITOR = "WARNING06"
 _SILENT_REMEDY = "Check that it is switched on and that the cable sits at both ends"
 
 
 class HeldError(DeviceLost):
-    """Another computer commands the tracker; this connection may only look on."""
+    """Reports that another computer commands the tracker, so that this connection may only watch."""
 
 
 class Session:
-    """One tracker behind one link. Methods raise DeviceLost; `command` and `parameter` also ProtocolError.
+    """Controls one tracker behind one link. Methods raise DeviceLost; `command` and `parameter` also ProtocolError.
 
     identity, tools: known once start() has returned. warnings: what the device remarked meanwhile.
     """
@@ -93,7 +105,9 @@ class Session:
         self._clock = clock
 
     def command(self, name: str, arguments: str = "", timeout_s: float | None = None) -> str:
-        """The text of the reply. Raises RefusedError for ERRORxx; WARNINGxx counts as done and is kept."""
+        """Sends a command, and returns the text of the reply. Raises RefusedError for ERRORxx; WARNINGxx counts as done
+        and is kept.
+        """
         wait_s = timeout_s or _SLOW_S.get(name, _REPLY_S)
         request = encode_command(Command(name, arguments))
         self.link.send(request)
@@ -105,19 +119,20 @@ class Session:
         return text
 
     def parameter(self, name: str, timeout_s: float | None = None) -> int | None:
-        """A number that the device publishes; None where it does not know it."""
+        """Returns a number that the device publishes; None where it does not know it."""
         try:
             return int(self.command("GET", name, timeout_s).strip().rpartition("=")[2])
         except (RefusedError, ValueError):
             return None
 
     def start(self, baud: int, requested_tools: tuple[RequestedTool, ...]) -> None:
-        """Bring the device to tracking, with the requested tools first, in their order, then all others it has.
+        """Brings the device to tracking, with the requested tools first, in their order, then all others it has.
 
-        Where no wireless tool is requested none is loaded. A reply that is damaged or does not come starts the whole
-        sequence again once the line is quiet, as a late reply must answer nothing else; that is harmless in any state.
+        Where no wireless tool is requested, none is loaded. If a reply is damaged or does not come, the whole sequence
+        starts again once the line is quiet, since a late reply must not be taken for the answer to another command;
+        that is harmless in any state.
 
-        Raises DeviceLost, or ConfigurationError for a line speed the device does not have.
+        Raises DeviceLost, or ConfigurationError for a line speed that the device does not have.
         """
         for _ in range(_CONNECT_ATTEMPTS):
             try:
@@ -136,7 +151,7 @@ class Session:
         raise DeviceLost(f"replies stay damaged or away ({last.what})", self.link.where, remedy)
 
     def stop(self) -> None:
-        """Leave the device as a fresh program expects it: not tracking, at 9600 baud. Never raises."""
+        """Leaves the device as a fresh program expects it: not tracking, at 9600 baud. Never raises."""
         with suppress(DeviceLost, ProtocolError):
             self.command("TSTOP", timeout_s=_LEAVE_S)
         with suppress(DeviceLost, ProtocolError):
@@ -144,20 +159,22 @@ class Session:
                 self.command("COMM", "00000", timeout_s=_LEAVE_S)
 
     def bumped(self) -> int:
-        """The bit of a bump that happened before this session and was not cleared, as an alert mask."""
+        """Returns the bit of a bump that happened before this session and was not cleared, as an alert mask; 0 where
+        there is none.
+        """
         bumped = self.parameter("Info.Status.Bump Detected") or self.parameter("Param.Bump Detector.Bumped")
         return BUMPED if bumped else 0
 
     def clear_bump(self) -> None:
-        """Tell the device that a person has checked it; devices that remember no bump refuse, which is as good."""
+        """Informs the device that a person has checked it; devices that remember no bump refuse, which is as good."""
         with suppress(RefusedError):
             self.command("SET", "Param.Bump Detector.Clear=1")
 
     def _find(self, baud: int) -> None:
-        """Make the device answer INIT, whatever its line speed and mode.
+        """Makes the device answer INIT, whatever its line speed and mode.
 
-        After a reset it speaks at 9600 baud; one that the reset did not reach, as behind a cable that was pulled, goes
-        on at the speed at which it was left.
+        After a reset it uses 9600 baud. A device that the reset did not reach, as behind a cable that was pulled, keeps
+        the speed at which it was left.
         """
         if self.link.baud is None:
             self._find_on_network()
@@ -175,7 +192,7 @@ class Session:
         raise DeviceLost("the tracker does not answer at any line speed", self.link.where, _SILENT_REMEDY)
 
     def _find_on_network(self) -> None:
-        """INIT, or a RESET, and new connections until it answers INIT."""
+        """Sends INIT; without an answer sends RESET, and makes new connections until the device answers INIT."""
         if self._answers(None, _NETWORK_KNOCK_S):
             return
         with suppress(DeviceLost, ProtocolError):
@@ -194,8 +211,8 @@ class Session:
         raise DeviceLost("the tracker accepts connections but does not answer", self.link.where, _SILENT_REMEDY)
 
     def _answers(self, baud: int | None, wait_s: float) -> bool:
-        """One INIT at one speed. The second try is for a device with half a command in its buffer, or one that has
-        just said RESET: its first INIT may take seconds.
+        """Returns whether the device answers INIT at one speed. The second attempt is for a device with half a command
+        in its buffer, or for one that has just sent RESET: its first INIT may take seconds.
         """
         if baud is not None:
             self.link.set_baud(baud)
@@ -221,7 +238,7 @@ class Session:
             self.link.wait_quiet(_QUIET_NS, self._clock.now_ns() + _RUN_OUT_NS)
 
     def _switch(self, baud: int) -> None:
-        """Both sides to the configured speed; the device answers at the old one, then changes."""
+        """Changes both sides to the configured speed; the device answers at the old one, then changes."""
         if self.link.baud in (None, baud):
             return
         try:
@@ -233,7 +250,7 @@ class Session:
         self.link.set_baud(baud)
 
     def _ask_identity(self) -> Identity:
-        """What the device does not know stays empty."""
+        """Asks the device for its identity; what the device does not know remains empty."""
         answers = []
         for name, arguments in (("VER", "4"), ("APIREV", "")):
             try:

@@ -1,4 +1,4 @@
-"""Numbers of the Combined API in words: error codes, tool and system status bits, alerts."""
+"""Translates numbers of the Combined API into words: error codes and alerts."""
 
 from collections.abc import Iterable
 
@@ -65,13 +65,13 @@ _ERRORS = {
 """Combined API: the number after ERROR."""
 
 BUMPED = 0x200000
-"""Combined API, Info.Status.Alerts; all single bits below likewise."""
+"""Combined API, Info.Status.Alerts; so are all single bits below."""
 
 PTP_LOST = 1 << (32 + 14)
-"""The device's clock has lost its master. BX2 alone reports it and other bits from 32 on."""
+"""Alert that the device's clock has lost its master. BX2 alone reports it and other bits from 32 on."""
 
 _BX2_ALERT = 1 << 32
-"""Ours: alert n of BX2 that has no bit in Info.Status.Alerts is bit 32 + n, clear of the device's 32."""
+"""Our own mapping: alert n of BX2 that has no bit in Info.Status.Alerts is bit 32 + n, clear of the device's 32."""
 
 _ALERTS = {
     0x1: "fatal parameter fault",
@@ -102,7 +102,7 @@ _ALERTS = {
     _BX2_ALERT << 15: "video camera fault",
     _BX2_ALERT << 17: "safe mode",
 }
-"""Combined API, Info.Status.Alerts, and above bit 31 BX2 alone."""
+"""Combined API, Info.Status.Alerts; above bit 31 alerts of BX2 alone."""
 
 HARMLESS_ALERTS = 0x100000 | 0x1000000 | 0x2000000 | 0x4000000 | PTP_LOST | _BX2_ALERT << 15
 """Alerts that leave a pose as good as before: batteries, a parameter warning, full memory, clock, video."""
@@ -120,19 +120,20 @@ _BX2_BITS = {
 _FAULT, _ALERT, _EVENT = 0, 1, 2
 _MOST_FAULTS = 10
 """BX2, alert component: code of an alert → its bit in Info.Status.Alerts, where there is one; kinds; highest fault
-code, fault n being bit n - 1."""
+code, fault n being bit n - 1.
+"""
 
 BX2_PORT_EVENTS = frozenset((_EVENT, code) for code in range(1, 6))
-"""(kind, code) of what calls for a new start: tools or units plugged in or unplugged, hardware changed."""
+"""(kind, code) of events that require a new start: tools or units plugged in or unplugged, hardware changed."""
 
 
 def error_text(code: int) -> str:
-    """What ERRORxx means."""
+    """Returns the meaning of ERRORxx."""
     return _ERRORS.get(code, "a code that is not documented")
 
 
 def bx2_alert_mask(alerts: Iterable[tuple[int, int]]) -> int:
-    """(kind, code) of the alert component → bits as of Info.Status.Alerts, and further ones from bit 32 on."""
+    """Converts (kind, code) of the alert component to bits as of Info.Status.Alerts, with further ones from 32 on."""
     mask = 0
     for kind, code in alerts:
         if kind == _FAULT:
@@ -143,7 +144,7 @@ def bx2_alert_mask(alerts: Iterable[tuple[int, int]]) -> int:
 
 
 def alert_text(mask: int) -> str:
-    """The alerts set in the value of Info.Status.New Alerts, as one phrase; empty for 0."""
+    """Returns the alerts set in the value of Info.Status.New Alerts, as one phrase; empty for 0."""
     known = [words for bit, words in _ALERTS.items() if mask & bit]
     unknown = mask & ~sum(_ALERTS)
     return ", ".join([*known, f"unknown alert {unknown:#x}"] if unknown else known)

@@ -1,4 +1,4 @@
-"""What is known of an NDI tracker besides the poses of the probe, typed, for checks and for a technician."""
+"""Gathers what is known about an NDI tracker besides the poses of the probe, typed, for checks and for a technician."""
 
 from dataclasses import dataclass
 
@@ -13,10 +13,10 @@ from probewatch.drivers.trackers.ndi.tools import Tool
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ToolTelemetry:
-    """The last that was heard of one tool.
+    """Holds the latest information about one tool.
 
     matrix: (4, 4) tool → tracker, mm, None unless status is OK. error: marker fit RMS, mm, or indicator value; None
-    without a pose. geometry: markers against the definition, None where either is not known.
+    without a pose. geometry: markers compared with the definition, None where either is not known.
     """
 
     tool: Tool
@@ -30,10 +30,11 @@ class ToolTelemetry:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NdiTelemetry:
-    """tools: the probe first, then the reference if there is one, then all others of the device.
+    """Holds the telemetry of one device. tools: the probe first, then the reference if there is one, then all others of
+    the device.
 
-    refused: replies dropped as damaged or old. doubted: poses that had to be confirmed. warnings: said while
-    starting, and that the tracker or the reference tool was moved.
+    refused: count of replies dropped as damaged or old. doubted: count of poses that had to be confirmed. warnings:
+    those given during the start, and that the tracker or the reference tool was moved.
     """
 
     identity: Identity
@@ -48,7 +49,7 @@ class NdiTelemetry:
 
 
 def describe(telemetry: NdiTelemetry) -> Description:
-    """The description, in words; see drivers.device_api.Identified."""
+    """Returns the description in words; see drivers.device_api.Identified."""
     identity = telemetry.identity
     return Description(
         model=identity.title or "NDI tracker",
@@ -65,7 +66,7 @@ def describe(telemetry: NdiTelemetry) -> Description:
 
 
 def _counted(telemetry: NdiTelemetry) -> tuple[tuple[int, str], ...]:
-    """Numbers, and what each says to a person: the second stands after every start and every loss of sight."""
+    """Returns counts with their meaning for a person; the second is not 0 after any start or loss of sight."""
     return (
         (telemetry.refused, "damaged replies refused: {}; where they go on, see cable and plugs"),
         (telemetry.doubted, "poses read a second time, after a leap or a gap, and then used: {}; this is no fault"),
@@ -73,7 +74,7 @@ def _counted(telemetry: NdiTelemetry) -> tuple[tuple[int, str], ...]:
 
 
 def _tool_words(telemetry: ToolTelemetry) -> str:
-    """Name and state, and how far the markers are from their definition."""
+    """Returns name and state of a tool, and how far its markers are from their definition."""
     state = f"{telemetry.status.value}{f' ({telemetry.reason})' if telemetry.reason else ''}"
     if telemetry.geometry is None:
         return f"{telemetry.tool.name}: {state}"
@@ -86,7 +87,7 @@ def _tool_words(telemetry: ToolTelemetry) -> str:
 
 
 def tool_telemetry(tool: Tool, reading: Reading | None, detailed: Reading | None) -> ToolTelemetry:
-    """reading: the last one. detailed: the last one with markers."""
+    """Returns the telemetry of one tool. reading: the last one. detailed: the last one with markers."""
     if reading is None:
         return ToolTelemetry(tool)
     status, reason = reading.status_reason
@@ -112,7 +113,7 @@ def _geometry(tool: Tool, reading: Reading, markers: MarkerReading) -> MarkerGeo
 
 
 def _numbered(markers: MarkerReading, definition: Points, reading: Reading) -> Points | None:
-    """Positions in the order of the definition, as the tracker numbers them or else by their places."""
+    """Returns positions in the order of the definition, as the tracker numbers them or else by their places."""
     if markers.ordered:
         return markers.positions_mm[: len(definition)]
     if reading.transform is None or len(markers.positions_mm) == 0:

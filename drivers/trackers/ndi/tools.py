@@ -1,4 +1,4 @@
-"""The tools: which ones the configuration asks for, and what the device says of those it has."""
+"""Represents the tools: those that the configuration requests, and what the device reports about those it has."""
 
 import re
 from dataclasses import dataclass
@@ -20,8 +20,8 @@ _WISH_REMEDY = "Give FILE.rom for a wireless tool, @2 for the one on plug 2, @2b
 
 @dataclass(frozen=True, slots=True)
 class RequestedTool:
-    """A tool as a URL names it: a definition file, a plug (from 1; channel 1 is the second sensor of a dual tool), or
-    both for a wired tool without a memory of its own.
+    """Represents a tool as a URL names it: by a definition file, by a plug (from 1; channel 1 is the second sensor of a
+    dual tool), or by both for a wired tool without a memory of its own.
     """
 
     definition: ToolDefinition | None = None
@@ -34,7 +34,7 @@ class RequestedTool:
 
 
 def parse_requested_tool(text: str, where: str) -> RequestedTool:
-    """`FILE.rom`, `@2`, `@2b` or `FILE.rom@2`. Raises ConfigurationError."""
+    """Parses `FILE.rom`, `@2`, `@2b` or `FILE.rom@2`. Raises ConfigurationError."""
     match = _WISH.fullmatch(text)
     if match is None or not text:
         raise ConfigurationError(f"'{text}' names no tool", where, _WISH_REMEDY)
@@ -47,7 +47,9 @@ def parse_requested_tool(text: str, where: str) -> RequestedTool:
 
 @dataclass(frozen=True, slots=True)
 class ToolInformation:
-    """One port handle by PHINF. socket: plug, counted from 1; 0 for a wireless tool. channel: 1 for a second sensor."""
+    """Holds what PHINF reports about one port handle. socket: plug, counted from 1; 0 for a wireless tool. channel: 1
+    for a second sensor.
+    """
 
     main_type: int
     manufacturer: str
@@ -63,20 +65,20 @@ class ToolInformation:
 
     @property
     def priority(self) -> str:
-        """How PENA shall enable it: static, button box or dynamic."""
+        """Returns how PENA shall enable it: static, button box or dynamic."""
         if self.is_reference:
             return "S"
         return "B" if self.main_type == _BUTTON_TYPE else "D"
 
     def fits(self, requested: RequestedTool) -> bool:
-        """Whether this is the wired tool meant."""
+        """Returns whether this is the requested wired tool."""
         return not self.wireless and (self.socket, self.channel) == (requested.socket, requested.channel)
 
 
 @dataclass(frozen=True, slots=True)
 class Tool:
-    """One enabled port handle. definition: as loaded from a file. five_dof: does not measure the turn about its own
-    axis.
+    """Represents one enabled port handle. definition: as loaded from a file. five_dof: whether it does not measure the
+    rotation about its own axis.
     """
 
     handle: int
@@ -86,7 +88,7 @@ class Tool:
 
     @property
     def name(self) -> str:
-        """Name for messages."""
+        """Returns the name for messages."""
         if self.information is None or self.information.wireless:
             return f"tool {self.handle:02X}"
         half = "ab"[self.information.channel] if self.five_dof else ""
@@ -94,9 +96,10 @@ class Tool:
 
 
 def choose_probe(tools: tuple[Tool, ...], named: bool, where: str) -> Tool:
-    """The first one if the configuration names it, else the first of six degrees of freedom that is no reference.
+    """Returns the probe: the first tool if the configuration names it, else the first of six degrees of freedom that is
+    no reference.
 
-    Raises ConfigurationError where there is none of six.
+    Raises ConfigurationError where no tool has six.
     """
     candidates = [
         tool for tool in tools if not tool.five_dof and not (tool.information and tool.information.is_reference)
@@ -109,7 +112,7 @@ def choose_probe(tools: tuple[Tool, ...], named: bool, where: str) -> Tool:
 
 
 def parse_information(text: str) -> ToolInformation | None:
-    """A reply to PHINF 0025; None for an empty port. Raises ProtocolError."""
+    """Parses a reply to PHINF 0025; None for an empty port. Raises ProtocolError."""
     if text == "UNOCCUPIED":
         return None
     place = text[33 + 20 :]

@@ -1,4 +1,5 @@
-"""`ndi:/dev/ttyUSB0?probe=FILE.rom&reference=FILE.rom`: poses of a Polaris, Vega or Aurora; `ndi+tcp://` likewise.
+"""Opens `ndi:/dev/ttyUSB0?probe=FILE.rom&reference=FILE.rom` and yields poses of a Polaris, Vega or Aurora, for
+`ndi+tcp://` as well.
 
 Its options are the rows of NDI, in the `__init__.py` of this folder. Without probe= the first wired tool of six degrees
 of freedom is the probe; poses of further tools are in `telemetry`.
@@ -28,18 +29,18 @@ from probewatch.drivers.trackers.witness import WitnessSight
 
 
 def open_tracker(target: str, options: dict[str, str], clock: HostClock) -> "NdiTracker":
-    """Connect, load the tools and start tracking; see drivers.registry for what is raised."""
+    """Connects, loads the tools and starts tracking; see drivers.registry for what is raised."""
     wanted = checked(target, options)
     return connect(SerialLine(target), f"ndi:{target}", wanted, clock)
 
 
 def checked(target: str, options: dict[str, str]) -> TrackerOptions:
-    """Raises ConfigurationError naming the option that is unknown or out of range."""
+    """Returns the checked options. Raises ConfigurationError that names the option that is unknown or out of range."""
     return parse_options(options, f"ndi:{target}")
 
 
 def connect(line: ByteLine, url: str, options: TrackerOptions, clock: HostClock) -> "NdiTracker":
-    """Take the line over, whatever comes of it. Raises DeviceLost, ConfigurationError."""
+    """Takes over the line, and closes it if anything fails. Raises DeviceLost, ConfigurationError."""
     try:
         byte_log = None if options.log is None else ByteLog(options.log, url, clock)
     except ConfigurationError:
@@ -49,7 +50,9 @@ def connect(line: ByteLine, url: str, options: TrackerOptions, clock: HostClock)
 
 
 class NdiTracker(Closable):
-    """One tracking device, tracking from construction until the context is left; then as a fresh program expects it."""
+    """Controls one tracking device. It tracks from construction until the context is left; then it is as a fresh
+    program expects it.
+    """
 
     def __init__(self, link: Link, options: TrackerOptions, clock: HostClock) -> None:
         self._link, self._clock = link, clock
@@ -64,7 +67,7 @@ class NdiTracker(Closable):
             raise
 
     def _start(self, options: TrackerOptions) -> None:
-        """Bring the device from any state to the first request for a pose."""
+        """Brings the device from any state to the first request for a pose."""
         session, clock = self._session, self._clock
         session.start(options.baud, options.requested_tools)
         self._probe = choose_probe(session.tools, options.probe is not None, self._link.where)
@@ -93,7 +96,7 @@ class NdiTracker(Closable):
 
     @property
     def telemetry(self) -> NdiTelemetry:
-        """Everything known by now besides the poses."""
+        """Returns everything that is known so far besides the poses."""
         readings, detailed = self._assembly.readings, self._assembly.detailed
         return NdiTelemetry(
             identity=self._session.identity,
@@ -117,7 +120,7 @@ class NdiTracker(Closable):
         return describe(self.telemetry)
 
     def body(self) -> MarkerBody:
-        """See drivers.device_api.Watched: the worse of probe and reference."""
+        """Returns the worse of probe and reference; see drivers.device_api.Watched."""
         readings, detailed = self._assembly.readings, self._assembly.detailed
         qualities = self._marker_qualities.items()
         return worst(quality.look(readings.get(handle), detailed.get(handle)) for handle, quality in qualities)
@@ -127,10 +130,11 @@ class NdiTracker(Closable):
         self._alerts.clear_bump()
 
     def read(self, timeout_s: float) -> Pose | None:
-        """The next pose the device has not yet reported, or word that there is none: see drivers.device_api.
+        """Returns the next pose that the device has not yet reported, or one that says that there is none: see
+        drivers.device_api.
 
-        Nothing new for more than three periods gives a STALE pose per period. Raises DeviceLost when the device is
-        silent for deadline_ms, reboots, leaves tracking mode, or is unplugged.
+        After more than three periods without anything new, there is a STALE pose per period. Raises DeviceLost when the
+        device is silent for deadline_ms, reboots, leaves tracking mode, or is unplugged.
         """
         end_ns = self._clock.now_ns() + round(timeout_s * 1e9)
         while True:
@@ -143,7 +147,7 @@ class NdiTracker(Closable):
                 return pose
 
     def _poll(self) -> Pose | None:
-        """One reply: ask, look into alerts, assemble the pose, plan the next request."""
+        """Handles one reply: asks for it, follows its alerts, assembles the pose, and plans the next request."""
         answer = self._polling.ask()
         self._alerts.follow(answer)
         self._require_probe(answer)
@@ -158,7 +162,7 @@ class NdiTracker(Closable):
         return self._assembly.new_pose(measured, self._alerts.health.status_reason)
 
     def _require_probe(self, answer: Answer) -> None:
-        """Devices that list every tool in each reply have lost one that is not in it."""
+        """Raises DeviceLost where a device that lists every tool in each reply no longer lists the probe."""
         if self._agreed.dialect.repeats and self._probe.handle not in answer.snapshot.tools:
             what = f"the tracker no longer lists the {self._probe.name}"
             raise DeviceLost(what, self._link.where, "The connection is made again")

@@ -1,4 +1,4 @@
-"""What carries the bytes of the Combined API: a serial port, or a TCP connection (Vega)."""
+"""Carries the bytes of the Combined API over a serial port, or over a TCP connection (Vega)."""
 
 import os
 import socket
@@ -14,32 +14,35 @@ from probewatch.drivers.io.serial_port import drain, open_serial
 from probewatch.drivers.io.tcp_line import SEND_S, connect_tcp
 
 FIRST_BAUD = 9600
-"""8N1 at this rate after power-up and after every reset."""
+"""Bits per second, 8N1, after power-up and after every reset."""
 
 LINE_ERRORS = (OSError, ValueError, termios.error)
-"""What a line may raise besides DeviceLost; ValueError comes from a port that is closed."""
+"""Errors that a line may raise besides DeviceLost; ValueError comes from a port that is closed."""
 
 _BREAK_S = 0.25
-"""As long as NDI's own sample program holds the line low. It is part of the 1.31 s that a reset costs
-(tests/live/test_tracker_loss.py); shorter ones some devices may not take for a break."""
+"""Seconds for which the line is held low, as long as in NDI's own sample program. They are part of the 1.31 s that a
+reset costs (tests/live/test_tracker_loss.py); some devices may not take shorter ones for a break.
+"""
 
 _BREAK_BAUD = 300
 _BREAK_NS = 60_000_000
-"""A NUL at 300 baud is low for 30 ms, longer than a character at any of the device's speeds, and takes 33 ms; what an
-adapter still holds of it has left after 60 ms. More delays every reset. Not measured on adapters."""
+"""A NUL at 300 baud is low for 30 ms, longer than a character at any of the device's speeds, and takes 33 ms. After
+60 ms, what an adapter still held of it has left. More delays every reset. Not measured on adapters.
+"""
 
 _CONNECT_S = 1.0
-"""For the name, the addresses and the handshake of one attempt. More delays the report that no device is there; a lost
-SYN, which Linux repeats after a second, is left to the next attempt."""
+"""Seconds for the name, the addresses and the handshake of one attempt. More delays the report that no device is there;
+a lost SYN, which Linux repeats after a second, is left to the next attempt.
+"""
 
 _STARTING_NS = 1_750_000_000
-"""Until then a device that refuses connections may be starting: two seconds with the last pause. The simulated Vega
-takes one (tests/live/test_tracker_loss.py); how long a real one does is not published. More delays word of a wrong
-host.
+"""Time, ns, within which a device that refuses connections may be starting: two seconds with the last pause. The
+simulated Vega takes one (tests/live/test_tracker_loss.py); how long a real one takes is not published. More delays the
+report of a wrong host.
 """
 
 _PAUSE_NS = 200_000_000
-"""Between two attempts. Shorter ones load a device that is starting, longer ones find it later."""
+"""Pause between two attempts, ns. A shorter one loads a device that is starting; a longer one finds it later."""
 
 _KEEPALIVE = (
     (socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1),
@@ -47,12 +50,15 @@ _KEEPALIVE = (
     (socket.IPPROTO_TCP, socket.TCP_KEEPINTVL, 1),
     (socket.IPPROTO_TCP, socket.TCP_KEEPCNT, 3),
 )
-"""Ends a connection whose peer died while nothing was sent: asked after 1 s, then each second. Linux gives up by the
-TCP_USER_TIMEOUT of connect_tcp, which goes before the count (tcp(7)). Requests have deadlines of their own."""
+"""Ends a connection whose peer died while nothing was sent: Linux probes it after 1 s, then each second. It gives up by
+the TCP_USER_TIMEOUT of connect_tcp, which takes precedence over the count (tcp(7)). Requests have deadlines of their
+own.
+"""
 
 
 class ByteLine(Protocol):
-    """where: the device, for messages. baud: bits per second of the host's side, None where there is no line speed.
+    """Carries bytes to and from the device. where: the device, for messages. baud: bits per second of the host's side,
+    None where there is no line speed.
 
     Methods raise DeviceLost or one of LINE_ERRORS when the line has failed.
     """
@@ -63,26 +69,26 @@ class ByteLine(Protocol):
     def baud(self) -> int | None: ...
 
     def fileno(self) -> int:
-        """Descriptor for select()."""
+        """Returns the descriptor for select()."""
 
     def read(self) -> bytes:
-        """What has come; empty at the end of the line."""
+        """Returns what has come; empty at the end of the line."""
 
     def write(self, data: bytes) -> None:
-        """Send all of it."""
+        """Sends all of it."""
 
     def set_baud(self, baud: int) -> None:
-        """Change the host's side."""
+        """Changes the line speed of the host's side."""
 
     def reset(self, clock: HostClock) -> None:
-        """Make the device start again: by a break on a serial line, by a new connection on a network."""
+        """Makes the device restart: by a break on a serial line, by a new connection on a network."""
 
     def close(self) -> None:
-        """Give the line back; never raises."""
+        """Releases the line; never raises."""
 
 
 class SerialLine:
-    """where: path of the port. Raises DeviceLost when it cannot be opened."""
+    """Carries bytes over a serial port. where: path of the port. Raises DeviceLost when it cannot be opened."""
 
     def __init__(self, where: str) -> None:
         self.where = where
@@ -105,7 +111,7 @@ class SerialLine:
         self._port.baudrate = baud
 
     def reset(self, clock: HostClock) -> None:
-        """Hold the line low, so that the device resets, then listen at 9600 baud.
+        """Holds the line low, so that the device resets, then listens at 9600 baud.
 
         Some adapters ignore the break request, so a NUL at 300 baud follows: 30 ms low, a break to any faster receiver.
         """
@@ -122,7 +128,7 @@ class SerialLine:
 
 
 class NetworkLine:
-    """where: `host:port`. A device that is just starting again is waited for.
+    """Carries bytes over a TCP connection. where: `host:port`. It waits for a device that is just restarting.
 
     Raises DeviceLost when nothing answers there within two seconds of the clock.
     """
@@ -141,14 +147,14 @@ class NetworkLine:
         return self._socket.recv(65536)
 
     def write(self, data: bytes) -> None:
-        """A request that the other side does not take within a tenth of a second fails with TimeoutError."""
+        """Sends all of it. Raises TimeoutError where the other side does not take it within a tenth of a second."""
         self._socket.sendall(data)
 
     def set_baud(self, baud: int) -> None:
         """Does nothing, because a network connection has no line speed."""
 
     def reset(self, clock: HostClock) -> None:
-        """The connection to a device that resets is lost; make a new one."""
+        """Makes a new connection, since the one to a device that resets is lost."""
         self.close()
         self._socket = self._connect()
 

@@ -1,6 +1,6 @@
-"""TX: the text reply with the last pose of every enabled tool (Combined API).
+"""Decodes and encodes TX, the text reply with the last pose of every enabled tool (Combined API).
 
-Fixed-width signed decimals: quaternion and error in 1e-4, lengths in 0.01 mm.
+Its numbers are signed decimals of fixed width: quaternion and error in 1e-4, lengths in 0.01 mm.
 """
 
 import re
@@ -37,7 +37,7 @@ _TEXT = {state: word.decode() for word, state in _WORDS.items()}
 
 
 def decode_tx(reply: bytes, options: int) -> TrackingReply:
-    """One whole TX reply, asked for with `options`. Raises ProtocolError for anything but a flawless reply."""
+    """Decodes one whole TX reply, requested with `options`. Raises ProtocolError for anything but a flawless reply."""
     wanted = known_options(options)
     cursor = Cursor(decode_text(reply).encode("latin-1"), "TX reply")
     tools = distinct_handles(tuple(_tool(cursor, wanted) for _ in range(_hex(cursor, 2))))
@@ -48,7 +48,7 @@ def decode_tx(reply: bytes, options: int) -> TrackingReply:
 
 
 def encode_tx(reply: TrackingReply, options: int) -> bytes:
-    """The bytes a device sends for `reply`, rounded as the text form rounds."""
+    """Encodes `reply` as a device sends it, rounded as the text form rounds."""
     wanted = known_options(options)
     text = f"{len(reply.tools):02X}" + "".join(_tool_text(tool, wanted) for tool in reply.tools)
     if wanted & Options.PASSIVE_STRAYS and reply.strays is not None:
@@ -98,7 +98,9 @@ def _stray(cursor: Cursor, wanted: int) -> ActiveStray:
 
 
 def _markers(cursor: Cursor, wanted: int) -> Markers:
-    """Without the out-of-volume option, markers outside are counted and flagged, yet their positions are left out."""
+    """Decodes a list of markers. Without the out-of-volume option, markers outside are counted and flagged, but their
+    positions are left out.
+    """
     count = _hex(cursor, 2)
     nibbles = [_hex(cursor, 1) for _ in range((count + 3) // 4)]
     outside = outside_flags(count, sum(nibble << 4 * i for i, nibble in enumerate(nibbles)))

@@ -1,4 +1,4 @@
-"""Bytes of the NDI Combined API: CRC-16, command framing, text replies, binary containers.
+"""Implements the bytes of the NDI Combined API: CRC-16, command framing, text replies, binary containers.
 
 A command is `NAME:` arguments CRC CR, or `NAME ` arguments CR without CRC; the separator decides which. A text reply is
 DATA CRC CR. A binary reply is a container: start word A5C4, u16 length, u16 header CRC, body, u16 body CRC; or start
@@ -20,12 +20,14 @@ EXTENDED_START = b"\xc8\xa5"
 STREAM_START = b"\xd4\xb5"
 
 MAX_TEXT_BYTES = 8192
-"""Bytes without CR that are noise and no text: TX with details of fifteen tools of twenty markers fits, and nothing
-longer is asked for. More waits longer on a line that carries noise."""
+"""Bytes without CR above which they are noise and no text: TX with details of fifteen tools of twenty markers fits, and
+nothing longer is requested. More waits longer on a line that carries noise.
+"""
 
 MAX_EXTENDED_BYTES = 1 << 24
-"""A greater length in the long container is damage: it has no check sum, and poses with markers take some kilobytes.
-More would wait for, and keep, what never comes."""
+"""Length in the long container above which it is damage: the container has no checksum, and poses with markers take
+some kilobytes. More would wait, and hold memory, for what never comes.
+"""
 
 _COMMAND = re.compile(rb"([A-Z0-9]{2,8})([: ])([^\r]*)\r", re.DOTALL)
 _START_BYTES = (b"", PLAIN_START[:1], EXTENDED_START[:1])
@@ -48,7 +50,7 @@ _TABLE = _crc_table()
 
 
 def crc16(data: bytes) -> int:
-    """CRC-16/ARC (x¹⁶+x¹⁵+x²+1, reflected, from 0); crc16(b"123456789") is 0xBB3D."""
+    """Computes CRC-16/ARC (x¹⁶+x¹⁵+x²+1, reflected, from 0); crc16(b"123456789") is 0xBB3D."""
     register = 0
     for byte in data:
         register = (register >> 8) ^ _TABLE[(register ^ byte) & 0xFF]
@@ -56,7 +58,7 @@ def crc16(data: bytes) -> int:
 
 
 class RefusedError(ProtocolError):
-    """The device answered ERRORxx. code: the two hexadecimal digits as a number."""
+    """Reports that the device answered ERRORxx. code: the two hexadecimal digits as a number."""
 
     def __init__(self, code: int, where: str = "") -> None:
         super().__init__(f"the tracker answered ERROR{code:02X} ({error_text(code)})", where)
@@ -65,7 +67,7 @@ class RefusedError(ProtocolError):
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """A request of the host. checked: sent with its CRC."""
+    """Represents a request of the host. checked: whether it is sent with its CRC."""
 
     name: str
     arguments: str = ""
@@ -73,14 +75,14 @@ class Command:
 
 
 def encode_command(command: Command) -> bytes:
-    """The bytes of a request, CR included."""
+    """Returns the bytes of a request, CR included."""
     separator = ":" if command.checked else " "
     body = f"{command.name}{separator}{command.arguments}".encode("latin-1")
     return body + (_crc_digits(body) if command.checked else b"") + CR
 
 
 def decode_command(line: bytes) -> Command:
-    """One request with its CR. Raises ProtocolError for bad framing or CRC."""
+    """Decodes one request with its CR. Raises ProtocolError for bad framing or CRC."""
     match = _COMMAND.fullmatch(line)
     if match is None:
         raise ProtocolError(f"not a command of the Combined API: {_shown(line)}")
@@ -91,13 +93,13 @@ def decode_command(line: bytes) -> Command:
 
 
 def encode_text(text: str) -> bytes:
-    """The bytes of a text reply, CRC and CR included."""
+    """Returns the bytes of a text reply, CRC and CR included."""
     body = text.encode("latin-1")
     return body + _crc_digits(body) + CR
 
 
 def decode_text(reply: bytes) -> str:
-    """The text of one whole reply. Raises RefusedError for ERRORxx, ProtocolError for bad framing or CRC."""
+    """Returns the text of one whole reply. Raises RefusedError for ERRORxx, ProtocolError for bad framing or CRC."""
     if reply.count(CR) != 1 or not reply.endswith(CR):
         raise ProtocolError(f"not one whole text reply: {_shown(reply)}")
     text = _without_crc(reply[:-1], "text reply").decode("latin-1")
@@ -107,7 +109,7 @@ def decode_text(reply: bytes) -> str:
 
 
 def encode_container(body: bytes, extended: bool = False) -> bytes:
-    """Wrap the body of a binary reply; extended gives the A5C8 form."""
+    """Wraps the body of a binary reply; `extended` gives the A5C8 form."""
     if extended:
         return EXTENDED_START + struct.pack("<I", len(body)) + body
     header = PLAIN_START + struct.pack("<H", len(body))
@@ -115,7 +117,7 @@ def encode_container(body: bytes, extended: bool = False) -> bytes:
 
 
 def open_container(reply: bytes) -> bytes:
-    """The body of one whole binary reply.
+    """Returns the body of one whole binary reply.
 
     Raises RefusedError when the device answered ERRORxx in place of binary data, ProtocolError for any other text, a
     wrong length, or a wrong CRC of header or body.
@@ -133,7 +135,7 @@ def open_container(reply: bytes) -> bytes:
 
 
 def reply_length(received: bytes) -> int | None:
-    """Length in bytes of the reply that starts `received`; None while too little has come to know.
+    """Returns the length in bytes of the reply that starts `received`; None while too few bytes have come to know it.
 
     Raises ProtocolError as soon as the bytes cannot be the start of a reply.
     """
@@ -151,14 +153,14 @@ def reply_length(received: bytes) -> int | None:
 
 
 def encode_stream(identity: str, reply: bytes) -> bytes:
-    """A packet of the STREAM command: its header before an ordinary reply."""
+    """Returns a packet of the STREAM command: its header before an ordinary reply."""
     name = identity.encode("latin-1")
     header = STREAM_START + struct.pack("<H", len(name)) + name
     return header + struct.pack("<H", crc16(header)) + reply
 
 
 def decode_stream(packet: bytes) -> tuple[str, bytes]:
-    """(stream identity, the ordinary reply after it). Raises ProtocolError."""
+    """Returns (stream identity, the ordinary reply after it). Raises ProtocolError."""
     if not packet.startswith(STREAM_START) or len(packet) < 4:
         raise ProtocolError(f"not a stream packet: {_shown(packet)}")
     end = 4 + struct.unpack_from("<H", packet, 2)[0]
@@ -179,14 +181,14 @@ class Cursor:
         self._data, self._at, self._where = data, 0, where
 
     def take(self, count: int) -> bytes:
-        """The next `count` bytes. Raises ProtocolError at the end."""
+        """Returns the next `count` bytes. Raises ProtocolError at the end."""
         if count < 0 or count > self.left:
             raise ProtocolError(f"ends {count - self.left} bytes too early", self._where)
         self._at += count
         return self._data[self._at - count : self._at]
 
     def unpack(self, layout: str) -> tuple[Any, ...]:
-        """Little-endian fields in the notation of the struct module."""
+        """Returns little-endian fields. layout: as in the struct module. Raises ProtocolError at the end."""
         compiled = _layout(layout)
         at, self._at = self._at, self._at + compiled.size
         if self._at > len(self._data):
@@ -194,16 +196,16 @@ class Cursor:
         return compiled.unpack_from(self._data, at)
 
     def number(self, layout: str) -> int:
-        """One little-endian integer."""
+        """Returns one little-endian integer."""
         return int(self.unpack(layout)[0])
 
     def starts_with(self, prefix: bytes) -> bool:
-        """Whether the bytes ahead begin so."""
+        """Returns whether the bytes ahead begin with the prefix."""
         return self._data.startswith(prefix, self._at)
 
     @property
     def left(self) -> int:
-        """Bytes not yet read."""
+        """Returns the number of bytes not yet read."""
         return len(self._data) - self._at
 
     def finish(self) -> None:
@@ -212,7 +214,7 @@ class Cursor:
             raise ProtocolError(f"{self.left} bytes too many", self._where)
 
     def refuse(self, what: str) -> ProtocolError:
-        """The error to raise for what stands before the cursor."""
+        """Returns the error to raise for what was read at the cursor."""
         return ProtocolError(what, self._where)
 
 

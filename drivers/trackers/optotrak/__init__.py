@@ -1,15 +1,15 @@
-"""The Optotrak behind NDI's First Principles server: RTC3D over TCP.
+"""Reads an Optotrak behind NDI's First Principles server: RTC3D over TCP.
 
-What it says of itself, DRIVERS, is read without importing it (drivers/descriptor.py).
+DRIVERS describes it and can be read without importing the driver (drivers/descriptor.py).
 """
 
 from probewatch.drivers.descriptor import HOST, Driver, Option, Twin
 from probewatch.drivers.trackers.staleness import DEADLINE, LATENCY, LOG
 
 _BODIES = (1, 255)
-"""Numbers of rigid bodies: a reply counts them in one byte."""
+"""Numbers of rigid bodies that a URL may name, up to 255. A reply counts them in one byte."""
 _RATES_HZ = (1, 4600)
-"""A Certus fires markers at 4600 Hz at most, and no frame is faster."""
+"""Rates that a URL may name, Hz. A Certus fires markers at 4600 Hz at most, and no frame is faster."""
 
 OPTOTRAK = Driver(
     "optotrak",

@@ -1,4 +1,4 @@
-"""A client of an RTC3D server: one TCP connection that yields whole packets and takes commands."""
+"""Implements a client of an RTC3D server: one TCP connection that yields whole packets and takes commands."""
 
 import socket
 from contextlib import suppress
@@ -23,25 +23,28 @@ from probewatch.drivers.trackers.optotrak.rtc3d import (
 SERVER_REMEDY = "Check that First Principles is running and its real-time server is switched on"
 
 _CHUNK_BYTES = 1 << 16
-"""Read at a time: more than the longest packet (50 000 bytes), so one call takes a frame. More only takes memory."""
+"""Bytes read at a time: more than the longest packet (50 000 bytes), so one call takes a frame. More takes only
+memory.
+"""
 
 _LONGEST_WORDS = 200
-"""Characters of the server's words in a message; the wording is not ours, and one line of a log is to hold it."""
+"""Characters of the server's words in a message; the wording is not ours, and must fit into one line of a log."""
 
 _REMADE = "The connection is made again"
 
 
 class Rtc3dClient:
-    """Whole packets in, commands out, a deadline on every wait. arrival_ns: when the last bytes came.
+    """Receives whole packets and sends commands, with a deadline on every wait. arrival_ns: when the last bytes came.
 
-    shortest_ns: shortest time from a command to its reply; part of it is the way of a frame, which no statistics of
-    arrivals can show.
+    shortest_ns: shortest time from a command to its reply. Part of it is the time that a frame takes to arrive, which
+    no statistics of arrivals can show.
     """
 
     def __init__(
         self, host: str, port: int, order: ByteOrder, clock: HostClock, timeout_s: float, log: Path | None = None
     ) -> None:
-        """order: of the payloads to come. timeout_s: seconds of the clock to connect. log: where to write a byte log.
+        """Connects to the server. order: byte order of the payloads to come. timeout_s: seconds of the clock to
+        connect. log: where to write a byte log.
 
         Raises DeviceLost, and ConfigurationError for a log that cannot be written.
         """
@@ -57,7 +60,7 @@ class Rtc3dClient:
         self.shortest_ns = round(timeout_s * 1e9)
 
     def close(self, last_words: tuple[str, ...]) -> None:
-        """Take leave if the server still listens. Never raises."""
+        """Sends last_words if the server still listens, and closes the connection. Never raises."""
         with suppress(DeviceLost):
             for words in last_words:
                 self.send(words)
@@ -66,7 +69,7 @@ class Rtc3dClient:
             self._byte_log.close()
 
     def send(self, text: str) -> None:
-        """Raises DeviceLost."""
+        """Sends a command. Raises DeviceLost."""
         data = command(text)
         try:
             self._line.settimeout(SEND_S)
@@ -77,7 +80,9 @@ class Rtc3dClient:
             raise self.lost(f"the connection broke off ({_words_of(error)})", SERVER_REMEDY) from error
 
     def ask(self, text: str, deadline_ns: int) -> str:
-        """The server's reply; measurements that come in between are dropped. Raises DeviceLost, also for a refusal."""
+        """Returns the server's reply to a command; measurements that come in between are dropped. Raises DeviceLost,
+        also for a refusal.
+        """
         self.send(text)
         began_ns = self._clock.now_ns()
         while True:
@@ -98,7 +103,7 @@ class Rtc3dClient:
             return None
 
     def receive(self, deadline_ns: int) -> Packet | None:
-        """The next packet, None when none was whole by the deadline; what had come until then is always taken in.
+        """Returns the next packet, None when none was whole by the deadline; what had come until then is always read.
 
         Raises DeviceLost when the connection ends or no packets can be found in it any more, ProtocolError for one
         packet that must be refused.
@@ -141,7 +146,7 @@ class Rtc3dClient:
 
 
 def error_words(text: str) -> str:
-    """What an error packet says, for a message."""
+    """Returns the text of an error packet, for a message."""
     words = text.strip().removeprefix("Error-").removeprefix("error-").strip() or "an error without words"
     return f"the server reports: {printable(words, _LONGEST_WORDS)}"
 

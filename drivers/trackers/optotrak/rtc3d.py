@@ -1,8 +1,8 @@
-"""RTC3D, the stream of NDI's First Principles server (TCP 3020): packets to bytes and back.
+"""Converts packets of RTC3D, the stream of NDI's First Principles server (TCP 3020), to bytes and back.
 
 A packet is u32 size with these 8 bytes, u32 type, both always big-endian, and a payload whose byte order the client
-chooses (docs/protocols.md). There is no checksum: what guards a packet is that three sizes and two counts agree
-to the byte, that a quaternion has length one, and that a coordinate lies within a kilometre.
+chooses (docs/protocols.md). There is no checksum: the only safeguards of a packet are that three sizes and two counts
+agree to the byte, that a quaternion has length one, and that a coordinate lies within a kilometre.
 """
 
 import math
@@ -20,7 +20,7 @@ HEADER_BYTES = 8
 """RTC3D: u32 size, u32 type."""
 
 MAX_PACKET_BYTES = 50_000
-"""NDI's own client takes a longer packet for nonsense."""
+"""Longest packet; NDI's own client rejects a longer one as invalid."""
 
 _HEADER = struct.Struct(">II")
 _COMPONENT_BYTES = 24
@@ -28,11 +28,12 @@ _MISSING = b"\xff\xff\xff\xff"
 _LEAST = -3.0e28
 _NO_RELIABILITY = 999.0
 """RTC3D: u32 size, type and frame, u64 microseconds, u32 item count before the items. Missing coordinates are bytes FF
-on the wire and -3.697314e28 in NDI's library, whose own limit is -3.0e28; 999 is a reliability that is not known."""
+on the wire and -3.697314e28 in NDI's library, whose own limit is -3.0e28; 999 is a reliability that is not known.
+"""
 
 
 class PacketType(IntEnum):
-    """What the payload is; the texts may be closed by a NUL, which then counts."""
+    """Enumerates the kinds of payload; the texts may end in a NUL, which then counts."""
 
     ERROR = 0
     COMMAND = 1
@@ -44,19 +45,19 @@ class PacketType(IntEnum):
 
 
 class ByteOrder(Enum):
-    """Byte order of payloads; the word is the one that SetByteOrder takes, the value the prefix of `struct`."""
+    """Enumerates the byte orders of payloads. word: what SetByteOrder takes. The value is the prefix of `struct`."""
 
     BIG = ">"
     LITTLE = "<"
 
     @property
     def word(self) -> str:
-        """BigEndian or LittleEndian."""
+        """Returns BigEndian or LittleEndian."""
         return "BigEndian" if self is ByteOrder.BIG else "LittleEndian"
 
 
 class ComponentType(IntEnum):
-    """Kinds of measurement in a data packet."""
+    """Enumerates the kinds of measurement in a data packet."""
 
     MARKERS = 1
     ANALOG = 2
@@ -68,7 +69,7 @@ class ComponentType(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Text:
-    """A command, a reply to one, an error, or the parameters as XML. terminated: a NUL closes it."""
+    """Represents a command, a reply to one, an error, or the parameters as XML. terminated: whether a NUL ends it."""
 
     kind: PacketType
     text: str
@@ -77,19 +78,21 @@ class Text:
 
 @dataclass(frozen=True, slots=True)
 class C3dFile:
-    """A recorded file; its content is not looked into."""
+    """Represents a recorded file; its content is not parsed."""
 
     content: bytes
 
 
 @dataclass(frozen=True, slots=True)
 class NoData:
-    """The server is alive and has nothing new."""
+    """Reports that the server is alive and has nothing new."""
 
 
 @dataclass(frozen=True, slots=True)
 class Marker:
-    """position_mm: (x, y, z), None for a marker that is not seen. reliability: None where the server gives none."""
+    """Holds one marker. position_mm: (x, y, z), None for a marker that is not seen. reliability: None where the server
+    gives none.
+    """
 
     position_mm: tuple[float, float, float] | None
     reliability: float | None = None
@@ -97,7 +100,7 @@ class Marker:
 
 @dataclass(frozen=True, slots=True)
 class Body:
-    """A rigid body in the tracker's frame. quaternion: (q0, qx, qy, qz), unit. rms_mm: fit of its markers."""
+    """Holds a rigid body in the tracker's frame. quaternion: (q0, qx, qy, qz), unit. rms_mm: fit of its markers."""
 
     quaternion: tuple[float, float, float, float]
     translation_mm: tuple[float, float, float]
@@ -111,13 +114,13 @@ class Body:
             raise ProtocolError("a rigid body kilometres away, or a fit that cannot be")
 
     def matrix(self) -> Matrix4:
-        """(4, 4) body → tracker, mm."""
+        """Returns the transform (4, 4) body → tracker, mm."""
         return pose_matrix(self.quaternion, self.translation_mm)
 
 
 @dataclass(frozen=True, slots=True)
 class Force:
-    """One force plate, in the units that the server is set to."""
+    """Holds one force plate, in the units that the server is set to."""
 
     force: tuple[float, float, float]
     moment: tuple[float, float, float]
@@ -125,7 +128,9 @@ class Force:
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """number: kind of event. time_us: as of a component. values: three words whose meaning depends on the number."""
+    """Holds one event. number: kind of event. time_us: as of a component. values: three words whose meaning depends on
+    the number.
+    """
 
     number: int
     time_us: int
@@ -133,12 +138,14 @@ class Event:
 
 
 Item = Marker | Body | Force | Event | float | None
-"""None: not measured. float: one analog channel."""
+"""One measured item. None: not measured. float: one analog channel."""
 
 
 @dataclass(frozen=True, slots=True)
 class Component:
-    """One kind of measurement of one frame. frame: u32 counter. time_us: u64 microseconds since the server's start."""
+    """Holds one kind of measurement of a frame. frame: u32 counter. time_us: u64 microseconds since the server
+    started.
+    """
 
     kind: ComponentType
     frame: int
@@ -148,12 +155,12 @@ class Component:
 
 @dataclass(frozen=True, slots=True)
 class DataFrame:
-    """The components in the order sent; no kind occurs twice."""
+    """Holds the components in the order sent; no kind occurs twice."""
 
     components: tuple[Component, ...]
 
     def component(self, kind: ComponentType) -> Component | None:
-        """The component of that kind, if it was sent."""
+        """Returns the component of that kind; None where it was not sent."""
         return next((component for component in self.components if component.kind is kind), None)
 
 
@@ -161,9 +168,9 @@ Packet = Text | DataFrame | NoData | C3dFile
 
 
 def packet_length(data: bytes) -> int | None:
-    """Bytes of the packet that starts data; None while its header is incomplete.
+    """Returns the bytes of the packet that starts data; None while its header is incomplete.
 
-    Raises ProtocolError for what cannot be a header: in a stream without checksums there is no way back from there.
+    Raises ProtocolError for what cannot be a header: a stream without checksums cannot be followed from there on.
     """
     if len(data) < HEADER_BYTES:
         return None
@@ -176,7 +183,7 @@ def packet_length(data: bytes) -> int | None:
 
 
 def decode_packet(data: bytes, order: ByteOrder) -> Packet:
-    """Exactly one packet. Raises ProtocolError for anything else, and for measurements that cannot be."""
+    """Decodes exactly one packet. Raises ProtocolError for anything else, and for measurements that are impossible."""
     if packet_length(data) != len(data):
         raise ProtocolError(f"the packet's size does not fit its {len(data)} bytes")
     kind, payload = PacketType(_HEADER.unpack_from(data)[1]), data[HEADER_BYTES:]
@@ -190,7 +197,7 @@ def decode_packet(data: bytes, order: ByteOrder) -> Packet:
 
 
 def encode_packet(packet: Packet, order: ByteOrder) -> bytes:
-    """The bytes that decode_packet reads. Raises ProtocolError for a packet longer than any reader takes."""
+    """Returns the bytes that decode_packet reads. Raises ProtocolError for a packet longer than any reader takes."""
     match packet:
         case Text():
             kind, payload = packet.kind, packet.text.encode() + b"\0" * packet.terminated
@@ -207,7 +214,7 @@ def encode_packet(packet: Packet, order: ByteOrder) -> bytes:
 
 
 def command(text: str) -> bytes:
-    """A command as NDI's own client sends it."""
+    """Returns a command as NDI's own client sends it."""
     return encode_packet(Text(PacketType.COMMAND, text), ByteOrder.BIG)
 
 
@@ -240,7 +247,7 @@ def _decode_data(payload: bytes, order: ByteOrder) -> DataFrame:
 
 
 def _decode_component(payload: bytes, at: int, order: ByteOrder) -> tuple[Component, int]:
-    """(component, offset of what follows it)."""
+    """Returns (component, offset of what follows it)."""
     if at + _COMPONENT_BYTES > len(payload):
         raise ProtocolError("a component that breaks off in its header")
     size, kind, frame, time_us, count = struct.unpack_from(f"{order.value}IIIQI", payload, at)
@@ -268,7 +275,9 @@ def _encode_component(component: Component, order: ByteOrder) -> bytes:
 
 
 def _encode_item(codec: "_Codec", item: Item, order: ByteOrder) -> bytes:
-    """A NaN is put in as bytes: not every machine passes its pattern through a float unharmed."""
+    """Returns the bytes of one item. NaN is written as bytes: not every machine passes its bit pattern through a float
+    unchanged.
+    """
     layout = struct.Struct(f"{order.value}{codec.layout}")
     if item is None:
         return _MISSING * (layout.size // len(_MISSING))
@@ -282,7 +291,7 @@ def _reliability(marker: Marker) -> float:
 
 
 def _is_missing(*values: float) -> bool:
-    """Whether any of them is one of the marks for a value that was not measured; readers differ in which they test."""
+    """Returns whether any of the values marks one that was not measured; readers differ in which of them they test."""
     return any(not math.isfinite(value) or value < _LEAST for value in values)
 
 
@@ -319,7 +328,9 @@ def _event(fields: tuple[int, ...]) -> Event:
 
 @dataclass(frozen=True, slots=True)
 class _Codec:
-    """layout: of one item, for `struct`, without byte order. read: its fields → the item; fields: the way back."""
+    """Converts the items of one kind. layout: that of one item, for `struct`, without byte order. read: its fields →
+    the item. fields: the item → its fields.
+    """
 
     layout: str
     read: Callable[..., Item]

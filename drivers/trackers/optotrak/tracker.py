@@ -1,6 +1,5 @@
-"""`optotrak://host:3020?body=1&reference=2`: poses of a rigid body of an Optotrak, from NDI's First Principles server.
-
-Its options are the rows of OPTOTRAK, in the `__init__.py` of this folder.
+"""Opens `optotrak://host:3020?body=1&reference=2` and yields the poses of an Optotrak's rigid body, from NDI's First
+Principles server. Its options are the rows of OPTOTRAK, in the `__init__.py` of this folder.
 """
 
 import math
@@ -47,20 +46,20 @@ PORT = 3020
 _ORDERS = {"big": ByteOrder.BIG, "little": ByteOrder.LITTLE}
 _WANTED = "6D Events"
 _CONNECT_S = 2.0
-"""For the name, the connection and the replies to up to three commands together. More delays the report that no server
-is there; how long a busy First Principles takes is not known."""
+"""Seconds for the name, the connection and the replies to up to three commands together. More delays the report that no
+server is there; how long a busy First Principles takes is not known."""
 
 _SINGLE_HZ = 60
-"""Requests a second in single mode without rate=: two poses for every picture of a 30 Hz scanner. Each costs a command
-and a reply; fewer leave the pose of a picture further away."""
+"""Requests a second in single mode without rate=: two poses per picture of a 30 Hz scanner. Each costs a command and a
+reply; fewer leave the pose of a picture further away."""
 
 _EVENTS_KEPT = 100
-"""Newest events that the server reported, for who asks; nothing is decided by them. More is memory alone."""
+"""Newest events from the server that are kept for callers; nothing is decided by them. More only takes memory."""
 
 
 @dataclass(frozen=True, slots=True)
 class OptotrakOptions:
-    """The options of the URL, checked. body, reference, witness: from 1. rate_hz: None for every frame."""
+    """Holds the options of the URL, checked. body, reference, witness: from 1. rate_hz: None for every frame."""
 
     body: int = 1
     reference: int | None = None
@@ -80,13 +79,13 @@ def open_tracker(target: str, options: dict[str, str], clock: HostClock) -> "Opt
 
 
 def checked(target: str, options: dict[str, str]) -> tuple[tuple[str, int], OptotrakOptions]:
-    """(host, port) and the options. Raises ConfigurationError naming what cannot be."""
+    """Returns (host, port) and the options. Raises ConfigurationError that names what is invalid."""
     where = f"optotrak://{target}"
     return parse_address(target, PORT, where), parse_options(options, where)
 
 
 def parse_options(options: dict[str, str], where: str) -> OptotrakOptions:
-    """Raises ConfigurationError naming the option that is unknown or out of range."""
+    """Returns the checked options. Raises ConfigurationError that names the option that is unknown or out of range."""
     given = OPTOTRAK.given(options, where)
     log = given.text("log")
     checked = OptotrakOptions(
@@ -112,10 +111,10 @@ def parse_options(options: dict[str, str], where: str) -> OptotrakOptions:
 
 
 class OptotrakTracker(Closable):
-    """One connection to the server, streaming from construction until the context is left.
+    """Holds one connection to the server, streaming from construction until the context is left.
 
-    refused: packets dropped because they were damaged or said what cannot be. events: the last ones, as the server
-    sent them. restarts: how often the server's clock jumped.
+    refused: count of packets dropped because they were damaged or held impossible values. events: the last ones, as the
+    server sent them. restarts: how often the server's clock jumped.
     """
 
     def __init__(self, host: str, port: int, options: OptotrakOptions, clock: HostClock) -> None:
@@ -153,7 +152,7 @@ class OptotrakTracker(Closable):
 
     @property
     def restarts(self) -> int:
-        """How often the server's clock jumped or started again."""
+        """Returns how often the server's clock jumped or restarted."""
         return self._device_clock.restarts
 
     def describe(self) -> Description:
@@ -176,7 +175,7 @@ class OptotrakTracker(Closable):
         )
 
     def body(self) -> MarkerBody:
-        """See drivers.device_api.Watched: the fit alone, as the stream does not have the definition of a rigid body."""
+        """Returns the fit alone, as the stream lacks the definition of a rigid body; see drivers.device_api.Watched."""
         if self._bodies is None:
             return MarkerBody()
         numbers = (self._options.body, self._options.reference)
@@ -184,9 +183,9 @@ class OptotrakTracker(Closable):
         return MarkerBody(fit_mm=max((body.rms_mm for body in listed if isinstance(body, Body)), default=None))
 
     def read(self, timeout_s: float) -> Pose | None:
-        """The next pose, or word that there is none: see drivers.device_api.
+        """Returns the next pose, or one that says that there is none: see drivers.device_api.
 
-        Frames whose number or time stands still for more than three periods give a STALE pose per period. Raises
+        Frames whose number or time does not advance for more than three periods give a STALE pose per period. Raises
         DeviceLost when the server is silent for deadline_ms, closes the connection, or sends what cannot be read.
         """
         end_ns = self._clock.now_ns() + round(timeout_s * 1e9)
@@ -196,9 +195,9 @@ class OptotrakTracker(Closable):
                 return pose
 
     def _prompt(self, end_ns: int) -> int:
-        """Ask for a frame when it is due. Returns until when to listen, ns.
+        """Asks for a frame when it is due. Returns until when to listen, ns.
 
-        The random part keeps the requests from marching in step with the frames, which would hide the lowest delay.
+        The random part keeps the requests from falling into step with the frames, which would hide the lowest delay.
         """
         if not self._options.single or self._asked:
             return min(end_ns, self._heard_ns + self._deadline_ns)
@@ -213,7 +212,7 @@ class OptotrakTracker(Closable):
         return min(end_ns, now_ns + self._deadline_ns)
 
     def _listen(self, until_ns: int) -> Pose | None:
-        """What one packet says; None also when none came. Raises DeviceLost after too long a silence."""
+        """Returns the pose of one packet; None also when none came. Raises DeviceLost after too long a silence."""
         try:
             packet = self._connection.receive(until_ns)
         except ProtocolError as error:
@@ -275,7 +274,7 @@ class OptotrakTracker(Closable):
         return self._relative(bodies, probe, stamp)
 
     def _relative(self, bodies: Component, probe: Body, stamp: Stamp) -> Pose:
-        """The probe in the frame of the reference body, where one is configured."""
+        """Returns the probe in the frame of the reference body, where one is configured."""
         matrix: Matrix4 = probe.matrix()
         witness = self._witnessed(bodies, matrix, stamp)
         if self._options.reference is not None:
@@ -292,7 +291,7 @@ class OptotrakTracker(Closable):
         return Pose(stamp, bodies.frame, matrix, probe.rms_mm, PoseStatus.OK, witness=witness)
 
     def _witnessed(self, bodies: Component, probe: Matrix4, stamp: Stamp) -> Matrix4 | None:
-        """The second body on the probe in the tracker's frame, of the same frame; None where it is not seen."""
+        """Returns the second body on the probe in the tracker's frame, of the same frame; None where it is not seen."""
         if self._witness is None or self._options.witness is None:
             return None
         listed = _listed(bodies, self._options.witness)
@@ -307,9 +306,9 @@ class OptotrakTracker(Closable):
 
 
 class _Freshness:
-    """Tells new frames from repeated ones: both their number and their time must move on.
+    """Distinguishes new frames from repeated ones: both their number and their time must advance.
 
-    frame: number of the last new one, -1 before it. frozen: the pose repeats while the frames run.
+    frame: number of the last new one, -1 before it. frozen: whether the pose repeats while the frames run.
     """
 
     def __init__(self) -> None:
@@ -326,11 +325,11 @@ class _Freshness:
 
     @property
     def rate_hz(self) -> float:
-        """Shortest step of the server's time so far, as a rate; NaN before the second frame."""
+        """Returns the shortest step of the server's time so far, as a rate; NaN before the second frame."""
         return 1e9 / self._period_ns if self._learnt else math.nan
 
     def take(self, bodies: Component, number: int, arrival_ns: int) -> bool:
-        """Whether this frame is new. number: of the rigid body whose pose is watched for repetition."""
+        """Returns whether this frame is new. number: that of the rigid body whose pose is watched for repetition."""
         same_frame, same_time = bodies.frame == self.frame, bodies.time_us == self._time_us
         if same_frame or same_time:
             self._odd = _disagreement(same_frame, same_time)
@@ -346,7 +345,7 @@ class _Freshness:
         return True
 
     def overdue(self, arrival_ns: int) -> str:
-        """Why the data are stale; empty while they are not, or while it was said less than a period ago."""
+        """Returns why the data are stale; empty while they are not, or if that was reported less than a period ago."""
         if self._new_ns is None:
             self._new_ns = arrival_ns
         age_ns = arrival_ns - self._new_ns
@@ -356,7 +355,7 @@ class _Freshness:
         return f"{self._odd or 'no new frame'} for {age_ns / 1e6:.0f} ms"
 
     def _learn(self, bodies: Component) -> None:
-        """A collection that starts again may have another rate."""
+        """Learns the period of the frames; a collection that restarts may have another rate."""
         if self.frame < 0:
             return
         step_ns = (bodies.time_us - self._time_us) * 1000.0
@@ -373,7 +372,7 @@ def _disagreement(same_frame: bool, same_time: bool) -> str:
 
 
 def _listed(bodies: Component, number: int) -> Body | str | None:
-    """The rigid body of that number, None where it is not seen, or the words for its not being listed."""
+    """Returns the rigid body of that number, None where it is not seen, or a text that it is not listed."""
     if number > len(bodies.items):
         return f"the server lists {len(bodies.items)} rigid bodies, number {number} is not among them"
     item = bodies.items[number - 1]

@@ -1,1 +1,3 @@
-"""V4L2 capture: abi (the kernel's structures), node, negotiation, stream, stamps, pixels, and source, the device."""
+"""Captures through V4L2: abi (the kernel's structures), node, negotiation, stream, stamps, pixels; source opens a
+device.
+"""

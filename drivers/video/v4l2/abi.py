@@ -1,4 +1,5 @@
-"""Structures and request numbers of the kernel's V4L2 interface, as far as capture through mapped buffers needs them.
+"""Defines the structures and request numbers of the kernel's V4L2 interface, as far as capture through mapped buffers
+needs them.
 
 Source: linux/videodev2.h of the kernel's user interface; the tests compare sizes, offsets and numbers with the
 compiler's. Names are the kernel's without the prefix v4l2_.
@@ -68,7 +69,7 @@ class PixFormat(Structure):
 
 
 class Format(Structure):
-    """The kernel's union holds pointers, so it begins at a multiple of their size."""
+    """Represents v4l2_format. The kernel's union holds pointers, so it begins at a multiple of their size."""
 
     _fields_: ClassVar = [
         ("type", c_uint32),
@@ -90,7 +91,9 @@ class RequestBuffers(Structure):
 
 
 class Buffer(Structure):
-    """timestamp_s, timestamp_us: the timeval. offset: the member of the union m that mapped memory uses."""
+    """Represents v4l2_buffer. timestamp_s, timestamp_us: the timeval. offset: the member of the union m that mapped
+    memory uses.
+    """
 
     _fields_: ClassVar = [
         ("index", c_uint32),
@@ -112,12 +115,12 @@ class Buffer(Structure):
 
     @property
     def t_ns(self) -> int:
-        """The time stamp in nanoseconds of the driver's clock."""
+        """Returns the timestamp in nanoseconds of the driver's clock."""
         return int(self.timestamp_s) * 1_000_000_000 + int(self.timestamp_us) * 1000
 
 
 class StreamParm(Structure):
-    """The capture member of the union."""
+    """Represents v4l2_streamparm with the capture member of the union."""
 
     _fields_: ClassVar = [
         ("type", c_uint32),
@@ -144,7 +147,7 @@ class Input(Structure):
 
 
 class DvTimings(LittleEndianStructure):
-    """Packed: the kernel's bt member of the union up to vbackporch, the rest as bytes."""
+    """Represents v4l2_dv_timings, packed: the kernel's bt member of the union up to vbackporch, the rest as bytes."""
 
     _pack_ = 1
     _fields_: ClassVar = [
@@ -165,7 +168,7 @@ class DvTimings(LittleEndianStructure):
 
     @property
     def rate_hz(self) -> float:
-        """Pictures per second, 0 where the timings say nothing."""
+        """Returns the pictures per second, 0 where the timings do not state it."""
         across = self.width + self.hfrontporch + self.hsync + self.hbackporch
         down = self.height + self.vfrontporch + self.vsync + self.vbackporch
         return float(self.pixelclock / (across * down)) if across and down else 0.0
@@ -217,15 +220,15 @@ SUBSCRIBE_EVENT = _request(_WRITE, 90, EventSubscription)
 
 
 def text(field: "Array[c_uint8]") -> str:
-    """A text field of a structure, up to its first zero."""
+    """Returns a text field of a structure, up to its first zero."""
     return printable_bytes(bytes(field))
 
 
 def fourcc(code: str) -> int:
-    """Pixel format as a number: four ASCII letters, the first in the lowest byte."""
+    """Returns a pixel format as a number: four ASCII letters, the first in the lowest byte."""
     return int.from_bytes(code.encode("ascii"), "little")
 
 
 def fourcc_text(number: int) -> str:
-    """The inverse of fourcc, with the flag for big-endian left out."""
+    """Computes the inverse of fourcc, with the flag for big-endian left out."""
     return printable((number & 0x7FFFFFFF).to_bytes(4, "little").decode("ascii", "replace"))

@@ -1,4 +1,4 @@
-"""What is agreed with a capture device before it streams: input, signal, pixel format, size and rate."""
+"""Negotiates with a capture device before it streams: input, signal, pixel format, size and rate."""
 
 import errno
 import math
@@ -15,37 +15,42 @@ from probewatch.drivers.video.v4l2.pixels import FORMATS
 
 _SIZE = re.compile(r"(\d{2,5})x(\d{2,5})")
 _SIDES_PX = range(LEAST_PX, 8193)
-"""What size= may ask for; up to 8K screens. The device refuses what it does not have, this only finds slips."""
+"""Sides that size= may request, up to 8K screens. This only finds typing errors; the device refuses what it lacks."""
 
 _USUAL_HZ = 30.0
-"""Rate of a device that does not report its own, for the bound of the stamps alone. The bound of a slower one is too
-narrow, that of a faster one too wide; `probe` says that it is assumed."""
+"""Rate assumed for a device that does not report its own, only for the bound of the stamps. The bound of a slower
+device is too narrow, that of a faster one too wide; `probe` reports that it is assumed.
+"""
 
 _RATE_TOLERANCE = 0.01
-"""Relative: 29.97 for 30 is what was asked for, 25 is not. More hides another rate, less remarks on that of NTSC."""
+"""Relative difference up to which a rate is the requested one: 29.97 is 30, 25 is not. More hides another rate; less
+remarks on that of NTSC.
+"""
 
 _ENOUGH_HZ = 20.0
-"""Pictures per second of a format that loses nothing, below which one that comes more often is taken. Higher takes JPEG
-where the grabber gives as many in either; lower follows quick motion badly. Not measured."""
+"""Pictures per second of a lossless format below which one that comes more often is preferred. Higher takes JPEG where
+the grabber gives as many in either; lower follows quick motion badly. Not measured.
+"""
 
 _SMALL = ("NV12", "YU12", "YV12", "MJPG", "JPEG")
-"""Formats of fewer bytes a picture than YUYV, so that they may come more often over USB."""
+"""Formats of fewer bytes a picture than YUYV, so that pictures may come more often over USB."""
 
 _CLOCK_STEP_HZ = 100_000
-"""Pixel clocks that differ by less are one signal: receivers measure them. Less takes jitter for a new signal, more
-misses one of a slightly different rate. Not measured."""
+"""Pixel clocks that differ by less are one signal, since receivers measure them. Less takes jitter for a new signal;
+more misses one of a slightly different rate. Not measured.
+"""
 
 _MOST_NAMED = 8
-"""Formats in a message: what still fits a line."""
+"""Largest number of formats in a message: what still fits a line."""
 _WHOLE_PICTURES = (abi.FIELD_NONE, abi.FIELD_ANY)
-"""Answers to S_FMT; some drivers of progressive sources leave the field at ANY."""
+"""Accepted answers to S_FMT; some drivers of progressive sources leave the field at ANY."""
 _NO_SIGNAL = abi.IN_ST_NO_POWER | abi.IN_ST_NO_SIGNAL
 _NO_LOCK = abi.IN_ST_NO_H_LOCK | abi.IN_ST_NO_V_LOCK | abi.IN_ST_NO_SYNC
 
 
 @dataclass(frozen=True, slots=True)
 class RequestedFormat:
-    """What the URL asks for; None where the device may choose."""
+    """Holds what the URL requests; None where the device may choose."""
 
     size_px: tuple[int, int] | None = None
     rate_hz: float | None = None
@@ -55,7 +60,7 @@ class RequestedFormat:
 
 @dataclass(frozen=True, slots=True)
 class Agreed:
-    """What the device will send. rate_hz: by its own word, NaN where it says nothing."""
+    """Holds what the device will send. rate_hz: as the device reports it, NaN where it reports none."""
 
     card: str
     bus: str
@@ -68,12 +73,12 @@ class Agreed:
 
     @property
     def period_ns(self) -> int:
-        """Period of a picture; that of a usual device where this one does not report it."""
+        """Returns the period of the pictures; that of a usual device where this one does not report it."""
         return round(1e9 / (_USUAL_HZ if math.isnan(self.rate_hz) else self.rate_hz))
 
 
 def requested_from(given: Given) -> RequestedFormat:
-    """Options size=WIDTHxHEIGHT, rate=HZ, format=CODE, input=NUMBER. Raises ConfigurationError."""
+    """Reads the options size=WIDTHxHEIGHT, rate=HZ, format=CODE, input=NUMBER. Raises ConfigurationError."""
     size_px = _size(given) if given.text("size") else None
     return RequestedFormat(
         size_px, given.number_or_none("rate"), given.word_or_none("format"), given.integer_or_none("input")
@@ -88,7 +93,7 @@ def _size(given: Given) -> tuple[int, int]:
 
 
 def negotiate(node: Node, requested: RequestedFormat) -> Agreed:
-    """Raises DeviceLost where the device cannot do what was asked, or has no signal now."""
+    """Returns what was agreed. Raises DeviceLost where the device cannot do what was requested, or has no signal."""
     card, bus = _capture_device(node)
     if requested.input_number is not None:
         node.must(abi.S_INPUT, c_int(requested.input_number), f"has no input {requested.input_number}")
@@ -118,14 +123,14 @@ def _capture_device(node: Node) -> tuple[str, str]:
 
 
 def current_input(node: Node) -> int:
-    """The number of the input in use, 0 where the driver knows no inputs."""
+    """Returns the number of the input in use, 0 where the driver knows no inputs."""
     number = c_int()
     node.allows(abi.G_INPUT, number)
     return number.value
 
 
 def require_signal(node: Node) -> None:
-    """Raises DeviceLost where there is no signal, or another one than was taken over."""
+    """Raises DeviceLost where there is no signal, or another one than was agreed."""
     found = _signal(node)
     if found is not None and not _is_current(node, found):
         remedy = "If that was not meant, correct the output of the scanner"
@@ -133,7 +138,7 @@ def require_signal(node: Node) -> None:
 
 
 def _signal(node: Node) -> abi.DvTimings | None:
-    """The timings of a digital signal; None for other inputs. Raises DeviceLost without a signal."""
+    """Returns the timings of a digital signal; None for other inputs. Raises DeviceLost without a signal."""
     current, found = abi.Input(index=current_input(node)), abi.DvTimings()
     known = node.allows(abi.ENUMINPUT, current)
     is_digital = known and current.capabilities & abi.IN_CAP_DV_TIMINGS
@@ -147,7 +152,7 @@ def _signal(node: Node) -> abi.DvTimings | None:
 
 
 def _follow_signal(node: Node) -> float:
-    """Take over the timings of a digital signal; its rate in Hz, NaN for other inputs. Raises DeviceLost."""
+    """Adopts the timings of a digital signal. Returns its rate in Hz, NaN for other inputs. Raises DeviceLost."""
     found = _signal(node)
     if found is None:
         return math.nan
@@ -162,7 +167,7 @@ def _is_current(node: Node, found: abi.DvTimings) -> bool:
 
 
 def _timing(timings: abi.DvTimings) -> tuple[int, ...]:
-    """What makes a picture another one; porches and polarities do not."""
+    """Returns the values whose change makes another picture; porches and polarities do not."""
     return timings.width, timings.height, timings.interlaced, timings.pixelclock // _CLOCK_STEP_HZ
 
 
@@ -199,7 +204,7 @@ def _preferred_format(node: Node, requested: RequestedFormat, known: list[str]) 
         if not node.allows(abi.S_FMT, format_) or format_.pix.pixelformat != abi.fourcc(code):
             continue
         rates_hz[code] = _reported_hz(node, requested.rate_hz)[0]
-        if not rates_hz[code] < wanted_hz * (1 - _RATE_TOLERANCE):  # one that is not told is no reason to go on
+        if not rates_hz[code] < wanted_hz * (1 - _RATE_TOLERANCE):  # a rate that is not reported is no reason to go on
             return code
     return max(rates_hz, key=rates_hz.__getitem__, default=known[0])
 
@@ -215,7 +220,9 @@ def _of_slow(node: Node, requested: RequestedFormat, code: str, rate_hz: float) 
 
 
 def _require_format(node: Node, pix: abi.PixFormat, requested: RequestedFormat, code: str) -> None:
-    """A device answers a request that it cannot fulfil with what it would do instead."""
+    """Raises DeviceLost unless the format is the requested one: a device answers a request that it cannot fulfil with
+    what it would do instead.
+    """
     size_px = (pix.width, pix.height)
     if pix.pixelformat != abi.fourcc(code):
         what = f"does not give {code}, only {', '.join(_offered(node)[:_MOST_NAMED])}"
@@ -240,8 +247,8 @@ def _offered(node: Node) -> list[str]:
 
 
 def _reported_hz(node: Node, rate_hz: float | None) -> tuple[float, bool]:
-    """(rate of the format in force once it was asked for one, whether the driver reports rates at all); NaN where it is
-    not told.
+    """Returns (rate of the format in force once a rate was requested, whether the driver reports rates at all). The
+    rate is NaN where it is not reported.
     """
     parameters = abi.StreamParm(type=abi.BUF_TYPE_VIDEO_CAPTURE)
     if not node.allows(abi.G_PARM, parameters):
@@ -254,7 +261,9 @@ def _reported_hz(node: Node, rate_hz: float | None) -> tuple[float, bool]:
 
 
 def _set_rate(node: Node, rate_hz: float | None) -> tuple[float, tuple[str, ...]]:
-    """(rate by the driver's word, remarks). A rate that the device rounds or cannot choose is said, not refused."""
+    """Returns (rate as the driver reports it, remarks). A rate that the device rounds or cannot choose is remarked on,
+    not refused.
+    """
     reported_hz, reports = _reported_hz(node, rate_hz)
     if not reports:
         return math.nan, ("its rate cannot be chosen",) if rate_hz is not None else ()

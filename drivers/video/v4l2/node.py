@@ -1,4 +1,4 @@
-"""An open V4L2 node: one file descriptor, requests on it, and what the kernel's refusals mean to a technician."""
+"""Represents an open V4L2 node: one file descriptor, requests on it, and what refusals mean to a technician."""
 
 import errno
 import fcntl
@@ -26,7 +26,7 @@ _WORDS[errno.EPERM] = _WORDS[errno.EACCES]
 
 
 class Node:
-    """Raises DeviceLost when the node cannot be opened. The descriptor does not block."""
+    """Holds an open node; its descriptor does not block. Raises DeviceLost when the node cannot be opened."""
 
     def __init__(self, path: str) -> None:
         self.where = f"v4l2:{path}"
@@ -38,11 +38,11 @@ class Node:
             raise self.lost(error, "cannot be opened") from error
 
     def close(self) -> None:
-        """Give the device back; the kernel stops a stream that still runs."""
+        """Releases the device; the kernel stops a stream that still runs."""
         os.close(self.fd)
 
     def ask(self, request: int, argument: "Structure | c_int") -> None:
-        """One ioctl, begun again when a signal interrupts it; the argument is filled in place. Raises OSError."""
+        """Makes one ioctl, repeated when a signal interrupts it; the argument is filled in place. Raises OSError."""
         while True:
             try:
                 fcntl.ioctl(self.fd, request, argument)
@@ -51,14 +51,16 @@ class Node:
             return
 
     def must(self, request: int, argument: "Structure | c_int", doing: str) -> None:
-        """Ask; what the kernel refuses is DeviceLost. doing: what was tried, for refusals without a meaning."""
+        """Makes one ioctl; raises DeviceLost for what the kernel refuses. doing: what was tried, for refusals without a
+        meaning of their own.
+        """
         try:
             self.ask(request, argument)
         except OSError as error:
             raise self.lost(error, doing) from error
 
     def allows(self, request: int, argument: "Structure | c_int") -> bool:
-        """Ask; False where the driver does not know this request or has nothing to say."""
+        """Makes one ioctl; returns False where the driver does not know this request or has nothing to report."""
         try:
             self.ask(request, argument)
         except OSError as error:
@@ -68,6 +70,6 @@ class Node:
         return True
 
     def lost(self, error: OSError, doing: str) -> DeviceLost:
-        """What a refusal means."""
+        """Returns the error that states what a refusal means."""
         what, remedy = _WORDS.get(error.errno or 0, (f"{doing} ({error.strerror})", _CABLE))
         return DeviceLost(what, self.where, remedy)

@@ -1,4 +1,4 @@
-"""Captured bytes → grey picture. Luminance is passed on as the device gives it, without stretching its range."""
+"""Converts captured bytes into a grey picture. Luminance is passed on as it comes, without stretching its range."""
 
 import re
 from collections.abc import Callable
@@ -13,25 +13,27 @@ Bytes = NDArray[np.uint8]
 
 
 _JPEG_BEGINS = re.compile(rb"\xff\xd8\xff(?![\xd8\xd9\xff])")
-"""A JPEG that holds something: encoders send empty ones, which end at once, between two pictures."""
+"""Matches the start of a JPEG with content: encoders send empty ones, which end at once, between two pictures."""
 _JPEG_MARKER = re.compile(rb"\xff([^\x00\xff])")
 _JPEG_BEGIN, _JPEG_ENDS, _JPEG_SCAN = 0xD8, 0xD9, 0xDA
 """Markers SOI, EOI and SOS of ITU-T T.81, table B.1."""
 _JPEG_PAUSES = range(0xD0, 0xD8)
-"""Markers amid the pixels of a JPEG, after which they go on."""
+"""Markers within the pixels of a JPEG, after which the pixels continue."""
 
 
-class BrokenPicture(ValueError):  # noqa: N818  what it is, not an error of ours
-    """The bytes are no whole picture of their format."""
+class BrokenPicture(ValueError):  # noqa: N818  a state of the picture, not an error of ours
+    """Reports that the bytes are no whole picture of their format."""
 
 
 def grey(code: str, data: Bytes, width: int, height: int, bytes_per_line: int) -> GreyImage:
-    """data: (n,) uint8 as captured → (height, width) uint8, which may share its memory. Raises BrokenPicture."""
+    """Converts data, (n,) uint8 as captured, into a picture (height, width) uint8, which may share its memory. Raises
+    BrokenPicture.
+    """
     return _DECODERS[code](data, width, height, bytes_per_line)
 
 
 def _rows(data: Bytes, width_bytes: int, height: int, bytes_per_line: int) -> Bytes:
-    """(height, width_bytes) without the padding that ends each line."""
+    """Returns (height, width_bytes) without the padding that ends each line. Raises BrokenPicture for too few bytes."""
     stride = bytes_per_line or width_bytes
     if stride < width_bytes or data.size < stride * (height - 1) + width_bytes:
         raise BrokenPicture(f"{data.size} bytes are too few for {height} lines of {stride} bytes")
@@ -39,41 +41,41 @@ def _rows(data: Bytes, width_bytes: int, height: int, bytes_per_line: int) -> By
 
 
 def _grey(data: Bytes, width: int, height: int, bytes_per_line: int) -> GreyImage:
-    """GREY, and what has its luminance in a first plane: NV12, YU12 and others of their kind."""
+    """Decodes GREY, and formats with luminance in a first plane: NV12, YU12 and others of their kind."""
     return _rows(data, width, height, bytes_per_line)
 
 
 def _yuyv(data: Bytes, width: int, height: int, bytes_per_line: int) -> GreyImage:
-    """Y0 U Y1 V, or V before U: every second byte."""
+    """Decodes Y0 U Y1 V, or V before U: every second byte."""
     return _rows(data, 2 * width, height, bytes_per_line)[:, ::2]
 
 
 def _uyvy(data: Bytes, width: int, height: int, bytes_per_line: int) -> GreyImage:
-    """U Y0 V Y1, or V before U: every second byte, from the second on."""
+    """Decodes U Y0 V Y1, or V before U: every second byte, from the second on."""
     return _rows(data, 2 * width, height, bytes_per_line)[:, 1::2]
 
 
 def _bgr(data: Bytes, width: int, height: int, bytes_per_line: int) -> GreyImage:
-    """B G R by the weights of Rec. 601."""
+    """Decodes B G R by the weights of Rec. 601."""
     rows = _rows(data, 3 * width, height, bytes_per_line)
     return np.asarray(cv2.cvtColor(rows.reshape(height, width, 3), cv2.COLOR_BGR2GRAY), np.uint8)
 
 
 def _rgb(data: Bytes, width: int, height: int, bytes_per_line: int) -> GreyImage:
-    """R G B by the weights of Rec. 601."""
+    """Decodes R G B by the weights of Rec. 601."""
     rows = _rows(data, 3 * width, height, bytes_per_line)
     return np.asarray(cv2.cvtColor(rows.reshape(height, width, 3), cv2.COLOR_RGB2GRAY), np.uint8)
 
 
 def _bgrx(data: Bytes, width: int, height: int, bytes_per_line: int) -> GreyImage:
-    """B G R and a byte that says nothing here, by the weights of Rec. 601."""
+    """Decodes B G R and a byte without meaning here, by the weights of Rec. 601."""
     rows = _rows(data, 4 * width, height, bytes_per_line)
     return np.asarray(cv2.cvtColor(rows.reshape(height, width, 4), cv2.COLOR_BGRA2GRAY), np.uint8)
 
 
 def _mjpeg(data: Bytes, width: int, height: int, _bytes_per_line: int) -> GreyImage:
-    """A damaged or cut JPEG is refused, not shown in part. Empty ones before it, and what fills the buffer before and
-    behind it, are none of it.
+    """Decodes a JPEG. A damaged or truncated one is refused, not shown in part. Empty JPEGs before it, and what fills
+    the buffer before and after it, are no part of it.
     """
     whole = _whole_jpeg(data.tobytes())
     image = cv2.imdecode(np.frombuffer(whole, np.uint8), cv2.IMREAD_GRAYSCALE) if whole else None
@@ -85,7 +87,7 @@ def _mjpeg(data: Bytes, width: int, height: int, _bytes_per_line: int) -> GreyIm
 
 
 def _whole_jpeg(data: bytes) -> bytes:
-    """The first JPEG with segments, to its own end; empty where it does not end, or another begins before."""
+    """Returns the first JPEG with segments, to its own end; empty where it does not end, or another begins first."""
     begun = _JPEG_BEGINS.search(data)
     if begun is None:
         return b""
@@ -114,4 +116,4 @@ _DECODERS: dict[str, Callable[[Bytes, int, int, int], GreyImage]] = {
 }
 
 FORMATS = tuple(_DECODERS)
-"""In the order of preference: what costs least and loses nothing first."""
+"""Formats in the order of preference: what costs least and loses nothing comes first."""

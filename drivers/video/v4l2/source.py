@@ -1,8 +1,9 @@
-"""`v4l2:/dev/video0` or `v4l2:/dev/v4l/by-id/…`: a frame grabber or camera through the kernel's capture interface.
+"""Opens `v4l2:/dev/video0` or `v4l2:/dev/v4l/by-id/…`: a frame grabber or camera through the kernel's capture
+interface.
 
 Its options are the rows of V4L2, in `drivers/video/__init__.py`.
-Pictures that the driver marks as damaged are dropped and counted. Whether there is a signal is asked again twice a
-second, as drivers go on sending pictures without one.
+Pictures that the driver marks as damaged are dropped and counted. The signal is checked twice a second, as drivers
+continue to send pictures without one.
 """
 
 from contextlib import ExitStack
@@ -24,8 +25,9 @@ from probewatch.drivers.video.v4l2.stamps import Counter, FrameTimes
 from probewatch.drivers.video.v4l2.stream import Filled, Stream
 
 _ASK_AGAIN_NS = 500_000_000
-"""Between questions for the signal: docs/devices.md promises its loss within half a second. Rarer questions
-break that; each is some calls to the driver."""
+"""Time between checks of the signal, ns: docs/devices.md promises its loss within half a second. Rarer checks break
+that; each is some calls to the driver.
+"""
 
 
 def open_video(target: str, options: dict[str, str], clock: HostClock) -> "V4l2Video":
@@ -34,7 +36,7 @@ def open_video(target: str, options: dict[str, str], clock: HostClock) -> "V4l2V
 
 
 def checked(target: str, options: dict[str, str]) -> tuple[RequestedFormat, Cut]:
-    """What to ask of the device, and what to cut out. Raises ConfigurationError naming the option."""
+    """Returns what to request from the device, and what to cut out. Raises ConfigurationError that names the option."""
     where = f"v4l2:{target}"
     given = V4L2.given(options, where)
     if not target.startswith("/"):
@@ -45,7 +47,9 @@ def checked(target: str, options: dict[str, str]) -> tuple[RequestedFormat, Cut]
 
 
 class V4l2Video(Closable):
-    """One running capture. damaged: pictures dropped because the driver or their bytes say that they are broken."""
+    """Holds one running capture. damaged: count of pictures dropped because the driver or their bytes show that they
+    are broken.
+    """
 
     def __init__(self, path: str, requested: RequestedFormat, cut: Cut, clock: HostClock) -> None:
         self._cut, self._clock = cut, clock
@@ -81,7 +85,7 @@ class V4l2Video(Closable):
         return Description(model, rate_hz=agreed.rate_hz, remarks=tuple(remarks))
 
     def read(self, timeout_s: float) -> Frame | None:
-        """Next whole picture, or None when none came within timeout_s of the clock. Raises DeviceLost."""
+        """Returns the next whole picture, or None when none came within timeout_s of the clock. Raises DeviceLost."""
         self._watch_signal()
         return self._stream.take(self._clock.real_s(timeout_s), self._frame)
 
@@ -107,5 +111,5 @@ class V4l2Video(Closable):
 
     @staticmethod
     def _own(image: GreyImage, buffer: Bytes) -> GreyImage:
-        """The image, copied where it is a view of the driver's buffer; a decoder has written its own already."""
+        """Returns the image, copied if it is a view of the driver's buffer; a decoder has already written its own."""
         return image.copy() if np.may_share_memory(image, buffer) else image

@@ -1,7 +1,8 @@
-"""The kernel's time stamp of a buffer → host time at which the middle of the picture was true, with its bound. Pure.
+"""Converts the kernel's timestamp of a buffer into the host time at which the middle of the picture was true, with its
+bound. Everything here is pure.
 
-A stamp says when the first or the last byte of a picture arrived (V4L2 buffer flags TSTAMP_SRC). The picture was made
-some time within its own period, so its middle lies half a period from there, and is known to half a period. The
+A timestamp states when the first or the last byte of a picture arrived (V4L2 buffer flags TSTAMP_SRC). The picture was
+made some time within its own period, so its middle is half a period from there, and is known to half a period. The
 latency inside the scanner cannot be seen from here; the line estimates it.
 """
 
@@ -12,18 +13,20 @@ from probewatch.drivers.samples import Stamp
 from probewatch.drivers.video.v4l2 import abi
 
 _SLACK_NS = 200_000
-"""What the interrupt and the driver add before the stamp is taken."""
+"""Time that the interrupt and the driver add before the timestamp is taken, ns."""
 _ARRIVAL_NS = 20_000_000
-"""What waking up may add where only the arrival is known."""
+"""Time that waking up may add, ns, where only the arrival is known."""
 _OTHER_CLOCK_NS = 2_000_000_000
-"""A stamp this far from the arrival was taken from another clock, whatever its flags say."""
+"""Distance from the arrival, ns, from which a timestamp was taken from another clock, whatever its flags state."""
 _HALF, _WRAP = 1 << 31, 1 << 32
 """The kernel counts pictures in 32 bits; a step of half of that or more is one backward."""
 
 
 @dataclass
 class FrameTimes:
-    """period_ns: of the pictures. ahead: stamps that lay after the arrival; foreign: stamps that were no host time."""
+    """Stamps the pictures of one capture. period_ns: that of the pictures. ahead: count of timestamps that lay after
+    the arrival; foreign: count of timestamps that were no host time.
+    """
 
     period_ns: int
     ahead: int = 0
@@ -33,7 +36,9 @@ class FrameTimes:
         self._monotonic = MonotonicStamps()
 
     def stamp(self, flags: int, kernel_ns: int, arrival_ns: int) -> Stamp:
-        """flags: of the buffer. kernel_ns: its stamp. arrival_ns: CLOCK_MONOTONIC when it was taken from the queue."""
+        """Returns the stamp of a picture. flags: those of the buffer. kernel_ns: its timestamp. arrival_ns:
+        CLOCK_MONOTONIC when it was taken from the queue.
+        """
         half_ns = self.period_ns // 2
         monotonic = flags & abi.BUF_FLAG_TIMESTAMP_MASK == abi.BUF_FLAG_TIMESTAMP_MONOTONIC
         if not monotonic or abs(arrival_ns - kernel_ns) > _OTHER_CLOCK_NS:
@@ -48,7 +53,7 @@ class FrameTimes:
 
 @dataclass
 class Counter:
-    """The kernel's 32-bit picture counter as one that never wraps. lost: numbers that no buffer carried."""
+    """Converts the kernel's 32-bit picture counter into one that never wraps. lost: numbers that no buffer carried."""
 
     lost: int = 0
     restarts: int = 0
@@ -56,7 +61,9 @@ class Counter:
     _total: int = 0
 
     def count(self, sequence: int) -> int:
-        """The number of this picture. One that runs backward was started again by the driver, and loses nothing."""
+        """Returns the number of this picture. A counter that runs backward was restarted by the driver; none is
+        lost.
+        """
         step = 1 if self._last is None else (sequence - self._last) % _WRAP
         if step == 0 or step >= _HALF:
             self.restarts += 1

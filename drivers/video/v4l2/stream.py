@@ -1,4 +1,4 @@
-"""A running capture: mapped buffers, waiting with a deadline, events of the signal."""
+"""Runs a capture: mapped buffers, waiting with a deadline, events of the signal."""
 
 import errno
 import mmap
@@ -19,8 +19,9 @@ from probewatch.drivers.video.v4l2.negotiation import current_input, require_sig
 from probewatch.drivers.video.v4l2.node import Node
 
 _BUFFERS, _LEAST_BUFFERS = 4, 2
-"""Asked for, and enough: one to be filled while another is read. Each more lets this host be away for one picture
-longer (four: 0.1 s at 30 Hz), takes memory, and hands on an older picture then."""
+"""Buffers that are requested, and that suffice: one to be filled while another is read. Each more lets this host be
+away for one picture longer (four: 0.1 s at 30 Hz), takes memory, and then passes on an older picture.
+"""
 
 
 _T = TypeVar("_T")
@@ -28,9 +29,9 @@ _T = TypeVar("_T")
 
 @dataclass(frozen=True, slots=True)
 class Filled:
-    """What one buffer holds. See abi.Buffer for the numbers; arrival_ns: CLOCK_MONOTONIC of its dequeuing.
+    """Holds the content of one buffer. See abi.Buffer for the numbers; arrival_ns: CLOCK_MONOTONIC of its dequeuing.
 
-    data: (n,) uint8, the buffer itself: the driver writes over it as soon as it has the buffer back.
+    data: (n,) uint8, the buffer itself: the driver overwrites it as soon as it has the buffer back.
     """
 
     flags: int
@@ -41,7 +42,7 @@ class Filled:
 
 
 class Stream:
-    """Leave the context to stop the stream and to free its buffers. Raises DeviceLost."""
+    """Holds a running stream. Leaving the context stops it and frees its buffers. Raises DeviceLost."""
 
     def __init__(self, node: Node) -> None:
         self._node = node
@@ -55,19 +56,21 @@ class Stream:
             raise
 
     def close(self) -> None:
-        """Close it, also after the device has gone: a refusal is of no interest any more."""
+        """Closes the stream, also after the device has gone: a refusal no longer matters."""
         with suppress(OSError):
             self._node.ask(abi.STREAMOFF, c_int(abi.BUF_TYPE_VIDEO_CAPTURE))
         for one in self._maps:
-            with suppress(BufferError):  # an error that is on its way still names the picture; it goes with the error
+            with suppress(BufferError):  # an error being raised still refers to the picture; it is freed with the error
                 one.close()
         with suppress(OSError):
             self._node.ask(abi.REQBUFS, _request_buffers(0))
 
     def take(self, timeout_s: float, use: Callable[[Filled], _T | None]) -> _T | None:
-        """What `use` makes of the next buffer that it makes something of; None when none came within timeout_s.
+        """Returns the first result other than None of `use` on the next buffers; None when there was none within
+        timeout_s.
 
-        `use` keeps nothing of the buffer: the driver gets it back afterwards. Raises DeviceLost, as at a new signal.
+        `use` must keep nothing of the buffer: the driver gets it back afterwards. Raises DeviceLost, also when the
+        signal changes.
         """
         end_s = time.monotonic() + timeout_s
         while True:
@@ -113,7 +116,7 @@ class Stream:
             raise DeviceLost("the video stream has ended", self._node.where, "Check that the scanner is switched on")
 
     def _require_present(self, number: int) -> None:
-        """An error without a buffer: unplugged, or broken until it is opened again."""
+        """Raises DeviceLost for an error without a buffer: unplugged, or broken until the device is reopened."""
         self._node.must(abi.QUERYCAP, abi.Capability(), "does not answer")
         raise self._node.lost(OSError(number, "broken off"), "stream broken off")
 
