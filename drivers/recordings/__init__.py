@@ -1,12 +1,12 @@
-"""Recorded sessions: their files, and a recording in place of devices.
+"""Reads and writes recorded sessions, and plays a recording in place of devices.
 
-What the latter says of itself, DRIVERS, is read without importing it (drivers/descriptor.py).
+DRIVERS, the description of that playback, is read without importing it (drivers/descriptor.py).
 """
 
 from probewatch.drivers.descriptor import RECORDING, Driver, Option
 
 _STARTS_S = (0, 3600)
-"""More than an hour before a recording begins is a slip of the decimal point."""
+"""Seconds: more than an hour before a recording begins is a slip of the decimal point."""
 
 REPLAY = Driver(
     "replay",

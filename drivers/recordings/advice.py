@@ -1,9 +1,11 @@
-"""How the readers' errors name options: true in every command that reads recordings, and in a device's URL."""
+"""Adapts how the readers' errors name options, so that they are true in every command that reads recordings and in a
+device's URL.
+"""
 
 import re
 
 POSES_APART = "replay and latency take poses of another file with --poses"
-"""No other command takes them."""
+"""Advice on poses in another file; no other command takes them."""
 _OPTION = re.compile(r"--(orientation|poses|probe|reference)(?: ([A-Z]\w*))?")
 
 

@@ -1,4 +1,6 @@
-"""Whether an MP4 or QuickTime film asks players to mirror its pictures (ISO/IEC 14496-12, 8.3.2, track header)."""
+"""Tells whether an MP4 or QuickTime film asks players to mirror its pictures (ISO/IEC 14496-12, 8.3.2, track
+header).
+"""
 
 import mmap
 import struct
@@ -7,7 +9,7 @@ from pathlib import Path
 from probewatch.drivers.files.regular_file import reading
 
 _BOX, _TO_MATRIX = b"tkhd", {0: 40, 1: 52}
-"""Type of the box, and bytes from behind it to its matrix, by the version of the box."""
+"""Type of the box, and the number of bytes between it and its matrix, by the version of the box."""
 _FIRST = (b"ftyp", b"moov", b"mdat", b"wide", b"free", b"skip")
 """Types of the box with which such a film begins."""
 _HEADER = b"moov"
@@ -16,8 +18,8 @@ _ONE, _LAST = 1 << 16, 1 << 30
 
 
 def is_mirrored(path: Path) -> bool:
-    """Whether the matrix of any track mirrors: FFmpeg's decoders give the pictures as they are stored, and OpenCV turns
-    them by 180° instead where they are mirrored from left to right.
+    """Returns whether the matrix of any track mirrors: FFmpeg's decoders give the pictures as they are stored, and
+    OpenCV turns them by 180° instead where they are mirrored from left to right.
     """
     with reading(path) as stream:
         if stream.read(8)[4:] not in _FIRST:
@@ -29,7 +31,7 @@ def is_mirrored(path: Path) -> bool:
 
 def _headers(content: mmap.mmap) -> list[tuple[int, int]]:
     """Returns where the headers of the film begin and end, found from box to box, so that the pictures are not read. A
-    damaged film, which leads nowhere, is looked through as a whole.
+    damaged film, in which that leads nowhere, is searched as a whole.
     """
     found, at = list[tuple[int, int]](), 0
     while at + 16 <= len(content):
@@ -53,8 +55,8 @@ def _mirrored_between(content: mmap.mmap, start: int, end: int) -> bool:
 
 
 def _mirrors(content: mmap.mmap, start: int) -> bool:
-    """Whether the display matrix of the track header there mirrors; False where it is no track header, as among the
-    pictures.
+    """Returns whether the display matrix of the track header there mirrors; False where it is not a track header, as
+    among the pictures.
     """
     to_matrix = _TO_MATRIX.get(content[start]) if start < len(content) else None
     if to_matrix is None or start + to_matrix + 36 > len(content):

@@ -1,5 +1,6 @@
-"""Recordings of other programs, recognised by their first bytes: what such a file is, and what makes a sequence of
-it."""
+"""Recognises recordings of other programs by their first bytes: what such a file is, and how to make a sequence of
+it.
+"""
 
 import re
 from collections.abc import Iterable, Iterator, Sequence
@@ -11,7 +12,7 @@ from probewatch.drivers.errors import RecordingError
 from probewatch.drivers.recordings.advice import POSES_APART
 
 HEAD_BYTES = 352
-"""What is read of a file to know its kind: NIfTI says its own at byte 344, the others before."""
+"""Bytes that are read of a file to know its kind: NIfTI states its own at byte 344, the others before."""
 _REAL = re.compile(r"[-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?")
 """A number as programs write it into a header."""
 _PICTURE = "Give the whole sequence with its poses, as PLUS records it (.igs.mha or .mhd)"
@@ -72,8 +73,8 @@ _KINDS = (
     (0, b"\x1f\x8b", "a gzip archive", _UNPACK),
     (0, b"7z\xbc\xaf", "a 7z archive", _UNPACK),
 )
-"""(offset, first bytes by the format's own definition, what it is, what to do). One row more recognises one more
-file."""
+"""(offset, first bytes by the format's own definition, what it is, what to do). One more row recognises one more kind
+of file."""
 _SEQUENCES = (
     (0, b"NRRD", "an NRRD file"),
     (0, b"ObjectType", "a MetaImage"),
@@ -83,29 +84,29 @@ _SEQUENCES = (
 )
 """(offset, first bytes, what it is) of what is read as a recording, and is nothing else."""
 _PACKETS = ((0, 188), (4, 192))
-"""(offset, bytes) of the packets of an MPEG transport stream, of which each begins with a G; a camcorder puts a time of
+"""(offset, bytes) of the packets of an MPEG transport stream, each of which begins with a G; a camcorder puts a time of
 4 bytes before each."""
 _EDITED = (
     (b"\xff\xfe", "UTF-16 text"),
     (b"\xfe\xff", "UTF-16 text"),
     (b"\xef\xbb\xbfNRRD", "an NRRD file behind a byte order mark"),
 )
-"""(first bytes, what it is) of sequences that an editor of texts has saved anew, so that their pictures are damaged."""
+"""(first bytes, what it is) of sequences that a text editor has saved again, so that their pictures are damaged."""
 
 
 def are_numbers(words: Iterable[str]) -> bool:
-    """Whether each word is written as one number with a decimal point."""
+    """Returns whether each word is written as one number with a decimal point."""
     return all(map(_REAL.fullmatch, words))
 
 
 def are_matrix(words: Sequence[str]) -> bool:
-    """Whether the words are the sixteen numbers of a 4 x 4 matrix."""
+    """Returns whether the words are the sixteen numbers of a 4 x 4 matrix."""
     return len(words) == 16 and are_numbers(words)
 
 
 def refuse_foreign(head: bytes, path: Path) -> None:
-    """Refuses a file that is no recording. head: the first HEAD_BYTES. Raises RecordingError for a kind that is known
-    and is no MetaImage, for an empty file, and for one whose first line is none of a header.
+    """Refuses a file that is not a recording. head: the first HEAD_BYTES. Raises RecordingError for a kind that is
+    known and is not a MetaImage, for an empty file, and for one whose first line is not that of a header.
     """
     if not head:
         raise RecordingError("is empty", str(path), "Copy it again")
@@ -144,7 +145,7 @@ def kind_of(head: bytes) -> str:
 
 
 def _kinds_of(head: bytes) -> Iterator[tuple[str, str]]:
-    """(what it is, what to do), of each kind that begins so."""
+    """Yields (what it is, what to do) of each kind that begins like this."""
     for offset, magic, kind, way in _KINDS:
         if head[offset:].startswith(magic):
             yield kind, way

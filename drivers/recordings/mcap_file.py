@@ -1,4 +1,5 @@
-"""MCAP files of JSON messages: written in chunks that can be ended at any time, read up to wherever they were cut.
+"""Writes MCAP files of JSON messages, in chunks that can be ended at any time, and reads them up to wherever they were
+cut.
 
 Format: https://mcap.dev/spec. Each chunk is compressed by zstd and has a CRC-32 of its own; a whole file has two more,
 of its data and of its summary. What is in a chunk is on the disk once `flush` has returned and the file was synced.
@@ -24,31 +25,32 @@ from probewatch.drivers.files.regular_file import reading
 MAGIC = b"\x89MCAP0\r\n"
 
 _CHUNK_BYTES = 1 << 24
-"""After which a chunk ends by itself: a second of pictures of 640 × 480 takes half. More takes memory of the program
-that reads it, less compresses worse."""
+"""Bytes after which a chunk ends by itself: a second of pictures of 640 × 480 takes half. More takes memory of the
+program that reads it, less compresses worse."""
 _MOST_CHUNK_BYTES = 1 << 26
-"""Memory that one chunk of a file may ask for: one picture beyond a full chunk. A damaged or hostile length asks for
-any amount."""
+"""Bytes of memory that one chunk of a file may ask for: one picture beyond a full chunk. A damaged or hostile length
+asks for any amount."""
 _MOST_RECORDS = 100_000
-"""In a chunk, which has a second at most, or 16 MB: more than as many poses of the shortest text.
-A message of nothing has 31 bytes, so that two million, which take .6 GB of memory, fit into a chunk of some kB."""
+"""Records in a chunk, which has a second at most, or 16 MB: more than as many poses of the shortest text. An empty
+message has 31 bytes, so that two million, which take .6 GB of memory, fit into a chunk of some kB."""
 _MOST_MEMBERS = 100_000
-"""Members of one message, by its commas: a status has some 500. A list or an object takes ten times the memory of its
-text."""
+"""Members of one message, counted by its commas: a status has some 500. A list or an object takes ten times the memory
+of its text."""
 _MOST_TOPIC = 200
-"""Signs of a topic, of which 65,536 are kept; ours have nine at most."""
+"""Characters of a topic that are kept, of up to 65,536 topics; ours have nine at most."""
 _MOST_DAMAGE = 1000
-"""Reported one by one; then the rest of the file is not read. A cut or a bad block of a disk is one or two."""
+"""Damages that are reported one by one; then the rest of the file is not read. A cut or a bad block of a disk is one or
+two."""
 _FOOTER = struct.Struct("<BQQQI8s")
 """Opcode, length, two offsets, CRC-32 of the summary with all of the footer before it, magic; section "Footer"."""
 _CHANNEL = struct.Struct("<HHI")
 """Number, that of its schema, length of its topic; section "Channel"."""
 _BROKEN = (McapError, struct.error, UnicodeDecodeError, ValueError, KeyError, zstandard.ZstdError, MemoryError)
-"""What the library raises where bytes are not what they should be."""
+"""Exceptions that the library raises where bytes are not what they should be."""
 
 
 class Entry(NamedTuple):
-    """One message. t_ns: its log time. fields: of its JSON object."""
+    """Represents one message. t_ns: its log time. fields: those of its JSON object."""
 
     topic: str
     t_ns: int
@@ -56,7 +58,9 @@ class Entry(NamedTuple):
 
 
 class McapWriter:
-    """schemas: topic → JSON schema of its messages, with a title. Each call raises OSError as the stream does."""
+    """Writes messages to a stream. schemas: topic → JSON schema of its messages, with a title. Each call raises OSError
+    as the stream does.
+    """
 
     def __init__(self, stream: BinaryIO, schemas: Mapping[str, Mapping[str, Any]], library: str) -> None:
         self._writer = Writer(
@@ -75,11 +79,11 @@ class McapWriter:
         self._writer.add_message(self._channels[topic], t_ns, data.encode(errors="replace"), t_ns)
 
     def flush(self) -> None:
-        """End the chunk, if anything is in it, and hand it to the kernel."""
+        """Ends the chunk, if anything is in it, and hands it to the kernel."""
         self._writer.flush()  # type: ignore[no-untyped-call]
 
     def finish(self) -> None:
-        """Write what makes a whole file: indexes and checksums. The stream stays open."""
+        """Writes what makes a whole file: indexes and checksums. The stream stays open."""
         self._writer.finish()  # type: ignore[no-untyped-call]
 
     def _channel(self, topic: str, schema: Mapping[str, Any]) -> int:
@@ -88,10 +92,10 @@ class McapWriter:
 
 
 class McapReader:
-    """The messages of a file in the order in which they were written. Raises RecordingError where it is no MCAP.
+    """Reads the messages of a file in the order in which they were written. Raises RecordingError where it is not MCAP.
 
-    damage: what was found wrong so far, in words, with the byte; complete once `entries` has ended, which it does where
-    nearly everything is damaged.
+    damage: what was found wrong so far, in words, with the byte; complete once `entries` has ended, which it does early
+    where nearly everything is damaged.
     """
 
     def __init__(self, path: Path) -> None:
@@ -108,8 +112,8 @@ class McapReader:
             raise RecordingError("is not an MCAP file", str(path), "Give a file that probewatch record has written")
 
     def entries(self) -> Iterator[Entry]:
-        """Everything that can be read: a chunk whose checksum does not fit is left out, a file that was cut ends
-        early, and `damage` says so. Raises RecordingError where the disk fails.
+        """Yields everything that can be read: a chunk whose checksum does not fit is left out, a file that was cut ends
+        early, and `damage` reports it. Raises RecordingError where the disk fails.
         """
         self._channels.clear()
         self.damage.clear()
@@ -191,7 +195,7 @@ class McapReader:
 
 
 class _Named(NamedTuple):
-    """A channel, without its metadata."""
+    """Represents a channel without its metadata."""
 
     id: int
     topic: str
@@ -203,7 +207,7 @@ def _named(data: bytes) -> _Named:
 
 
 def _records(chunk: Chunk) -> list[_Named | Message]:
-    """What is in it. Raises what _BROKEN names, and CRCValidationError."""
+    """Returns the records of a chunk. Raises what _BROKEN names, and CRCValidationError."""
     _refuse_bomb(chunk)
     stream, length = get_chunk_data_stream(chunk, validate_crc=True)
     found: list[_Named | Message] = []
@@ -221,7 +225,7 @@ def _records(chunk: Chunk) -> list[_Named | Message]:
 
 
 def _refuse_bomb(chunk: Chunk) -> None:
-    """Raises ValueError for one that would unpack to more than any that was written here."""
+    """Raises ValueError for a chunk that would unpack to more than any that was written here."""
     sizes = [chunk.uncompressed_size]
     if chunk.compression == "zstd":
         sizes.append(zstandard.frame_content_size(chunk.data))

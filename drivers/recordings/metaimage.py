@@ -1,4 +1,4 @@
-"""Tracked-ultrasound sequences as PLUS stores them: MetaImage `.mha` and `.mhd`, one header entry per frame and field.
+"""Reads tracked-ultrasound sequences of PLUS: MetaImage `.mha` and `.mhd`, one header entry per frame and field.
 
 Format: a text header of `key = value` lines, closed by ElementDataFile, then 8-bit pictures frame after frame, raw or
 as one zlib stream, in the same file (LOCAL) or in another beside it. Per frame `Seq_FrameNNNN_` Timestamp (s),
@@ -29,14 +29,14 @@ from probewatch.drivers.video.crop import FLIPS
 from probewatch.drivers.video.grey import CHANNELS, grey_of
 
 MAX_LINE_BYTES = 65_536
-"""Length of a line of the header; those of PLUS take some hundred. More reads on in a file that has no lines, and is no
-header."""
+"""Bytes of a line of the header; those of PLUS take some hundred. A higher limit would read further in a file that has
+no lines, and no header."""
 
 _MAX_SIDE_PX, MAX_PIXELS = 16_384, 1 << 24
 """Size of one picture, which is in memory two or three times: the largest screen that scanners have, twice."""
 
 MAX_HEADER_LINES, MAX_HEADER_BYTES = 2_000_000, 256_000_000
-"""All of it is kept, 500 bytes a line or so; PLUS writes about ten lines and 1 kB a frame: an hour and more."""
+"""All of the header is kept, some 500 bytes a line; PLUS writes about ten lines and 1 kB a frame: an hour and more."""
 
 MAX_STAMP_S = 9_000_000_000
 """Seconds whose nanoseconds still fit 64 bits; Unix time gets there in the year 2255."""
@@ -45,13 +45,13 @@ _CHANNELS, _SKIPPED = "ElementNumberOfChannels", "HeaderSize"
 _DECIMAL_COMMA = re.compile(r"[+-]?[0-9]+,[0-9]+")
 """A number as spreadsheets and programs write it in countries with a decimal comma."""
 _WITHOUT_LAST_ROW = 12
-"""Numbers of a matrix without 0 0 0 1."""
+"""Number of values of a matrix without 0 0 0 1."""
 FRAME_KEY = re.compile(r"Seq_Frame([0-9]{1,9})_(\S+)")
 
 
 @dataclass(frozen=True, slots=True)
 class MetaImage:
-    """The checked header of one sequence; pictures are read only when asked for.
+    """Represents the checked header of one sequence; pictures are read only when asked for.
 
     size_px: (width, height), None where the sequence holds no pictures. frames: the fields of each entry, in order.
     """
@@ -70,19 +70,19 @@ class MetaImage:
         return len(self.frames)
 
     def transform_names(self) -> list[str]:
-        """Sorted `<A>To<B>` of every transform that occurs in the sequence."""
+        """Returns the sorted `<A>To<B>` of every transform that occurs in the sequence."""
         keys = {key for fields in self.frames for key in fields if key.endswith("Transform")}
         return sorted(key.removesuffix("Transform") for key in keys)
 
     def misnamed(self) -> list[str]:
-        """Sorted names of fields with sixteen numbers that do not end in Transform, which PLUS takes for no transform
-        either.
+        """Returns the sorted names of fields with sixteen numbers that do not end in Transform; PLUS does not take them
+        for transforms either.
         """
         first = self.frames[0] if self.frames else {}
         return sorted(key for key, text in first.items() if not key.endswith("Transform") and are_matrix(text.split()))
 
     def stamp_ns(self, index: int) -> int:
-        """Timestamp, ns of the recording's own clock. Raises RecordingError where it is missing or not a time."""
+        """Returns the stamp, ns by the recording's clock. Raises RecordingError where it is missing or not a time."""
         key, text = self._entry(index, "Timestamp")
         try:
             seconds = Decimal(text)
@@ -95,18 +95,18 @@ class MetaImage:
         return round(seconds * 1_000_000_000)
 
     def sequence(self, index: int) -> int:
-        """The device's FrameNumber, or the index where the file has none. Raises RecordingError."""
+        """Returns the device's FrameNumber, or the index where the file has none. Raises RecordingError."""
         if "FrameNumber" not in self.frames[index]:
             return index
         key, text = self._entry(index, "FrameNumber")
         return _integer(self.path, key, text)
 
     def image_ok(self, index: int) -> bool:
-        """Whether the recorder has not marked the picture as invalid."""
+        """Returns whether the recorder has not marked the picture as invalid."""
         return self.frames[index].get(IMAGE_STATUS, "OK").upper() == "OK"
 
     def transform(self, index: int, name: str) -> TransformReading:
-        """The transform `name` of one entry. Raises RecordingError for text that is not sixteen numbers."""
+        """Returns the transform `name` of one entry. Raises RecordingError for text that is not sixteen numbers."""
         status = self.frames[index].get(f"{name}TransformStatus", "OK").upper()
         if status not in GOOD:
             return without_matrix(status, name)
@@ -116,7 +116,7 @@ class MetaImage:
         return rigid_reading(_sixteen_numbers(self.path, key, text), name)
 
     def pictures(self) -> Iterator[GreyImage]:
-        """Each picture in turn, (height, width), MF-oriented; one frame in memory. Raises RecordingError."""
+        """Yields each picture in turn, (height, width), MF-oriented; one frame is in memory. Raises RecordingError."""
         if self.size_px is None:
             return
         width, height = self.size_px
@@ -146,10 +146,10 @@ class MetaImage:
 
 
 def read_metaimage(path: Path, orientation: str | None = None) -> MetaImage:
-    """Read and check the header of a sequence; the pictures stay on the disk.
+    """Reads and checks the header of a sequence; the pictures stay on the disk.
 
-    orientation: two or three letters that replace UltrasoundImageOrientation where the file says none or wrong.
-    Raises RecordingError naming file, key, value and remedy for every header this cannot vouch for.
+    orientation: two or three letters that replace UltrasoundImageOrientation where the file has none or a wrong one.
+    Raises RecordingError naming file, key, value and remedy for every header that fails a check.
     """
     try:
         with reading(path) as stream:
@@ -191,7 +191,7 @@ def _read_header(stream: BinaryIO, path: Path) -> tuple[dict[str, str], dict[int
 
 
 def _header_line(stream: BinaryIO, path: Path) -> tuple[str, str]:
-    """Next (key, value); both empty for a blank line."""
+    """Returns the next (key, value); both are empty for a blank line."""
     line = stream.readline(MAX_LINE_BYTES)
     text = line.decode("utf-8", errors="replace").strip()
     key, equals, value = text.partition("=")
@@ -211,9 +211,9 @@ def checked_header(
     orientation: str | None,
     window_bits: int = zlib.MAX_WBITS,
 ) -> MetaImage:
-    """A sequence by the fields of its header, in the names of MetaImage; its pictures begin at offset, or in the file
-    that ElementDataFile names, beside it. window_bits: as zlib has them for compressed pictures. Raises RecordingError,
-    OSError.
+    """Returns a sequence by the fields of its header, in the names of MetaImage; its pictures begin at offset, or in
+    the file that ElementDataFile names, beside it. window_bits: as zlib has them for compressed pictures. Raises
+    RecordingError, OSError.
     """
     general = known(general)
     channels = _integer(path, _CHANNELS, general.get(_CHANNELS, "1"))
@@ -248,20 +248,20 @@ def checked_header(
 
 
 def _from_the_end(sequence: MetaImage) -> int:
-    """Offset of pictures that end with their file, whatever another program has put before them."""
+    """Returns the offset of pictures that end with their file, whatever another program has put before them."""
     refuse_irregular(sequence._data_path)
     return max(0, sequence._data_path.stat().st_size - _bytes_of(sequence))
 
 
 def _bytes_of(sequence: MetaImage) -> int:
-    """All pictures, not compressed."""
+    """Returns the size of all pictures, not compressed."""
     assert sequence.size_px is not None
     width, height = sequence.size_px
     return width * height * sequence._channels * len(sequence.frames)
 
 
 def _entries(path: Path, frames: dict[int, dict[str, str]], count: int, sides: tuple[int, int]) -> list[dict[str, str]]:
-    """The fields of each frame. sides: width and height as the header has them."""
+    """Returns the fields of each frame. sides: width and height as the header has them."""
     entries = from_zero(frames, count)
     if entries is not None:
         return entries
@@ -287,7 +287,7 @@ def _entries(path: Path, frames: dict[int, dict[str, str]], count: int, sides: t
 
 
 def _beside(path: Path, name: str) -> Path:
-    """The file of the pictures, in the folder of the header: a header from elsewhere could name any file of
+    """Returns the file of the pictures, in the folder of the header: a header from elsewhere could name any file of
     this computer, whose bytes would be shown as pictures in a report that is passed on.
     """
     if name.split()[:1] == ["LIST"] or "%" in name:
@@ -304,7 +304,7 @@ def _beside(path: Path, name: str) -> Path:
 
 
 def _dimensions(path: Path, general: dict[str, str]) -> tuple[int, int, int]:
-    """(width, height, frames); a third spatial axis is accepted where it has one plane."""
+    """Returns (width, height, frames); a third spatial axis is accepted where it has one plane."""
     if "DimSize" not in general:
         raise _refusal(path, "DimSize", "is missing", "The header is cut or was edited; copy the file again")
     text = general["DimSize"]
@@ -340,7 +340,7 @@ def _check_pictures(sequence: MetaImage, general: dict[str, str], orientation: s
 
 
 def _check_length(sequence: MetaImage, general: dict[str, str]) -> None:
-    """Find a file that was cut before any picture is read."""
+    """Detects a file that was cut before any picture is read."""
     refuse_irregular(sequence._data_path)
     there = sequence._data_path.stat().st_size - sequence._data_offset
     needed = _bytes_of(sequence)
@@ -371,7 +371,7 @@ def _sixteen_numbers(path: Path, key: str, text: str) -> Matrix4:
 
 
 def _how_sixteen(text: str) -> str:
-    """What to do about a matrix in another form."""
+    """Returns what to do about a matrix in another form."""
     words = text.split()
     if words and all(_DECIMAL_COMMA.fullmatch(word) or are_numbers([word]) for word in words) and "," in text:
         return "Write it with decimal points"
@@ -384,7 +384,7 @@ def _how_sixteen(text: str) -> str:
 
 
 def _likely_unit(time: Decimal) -> str:
-    """What to do about a time that is too large to be one in seconds."""
+    """Returns what to do about a time that is too large to be one in seconds."""
     units = (("ms", 1000), ("µs", 1_000_000), ("ns", 1_000_000_000))
     likely = (f"Is it in {unit}? Divide by {per_s}" for unit, per_s in units if time.copy_abs() <= MAX_STAMP_S * per_s)
     return next(likely, "Record again, or fix this line")

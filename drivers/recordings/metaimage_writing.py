@@ -1,4 +1,4 @@
-"""Writes sequences as MetaImage, as PLUS stores them (`metaimage.py` has the format)."""
+"""Writes sequences as MetaImage, as PLUS stores them (`metaimage.py` describes the format)."""
 
 import shutil
 import tempfile
@@ -21,7 +21,7 @@ from probewatch.drivers.video.crop import FLIPS
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SequenceItem:
-    """One entry to write. image: MF-oriented or None. transforms: `<A>To<B>` → (4, 4), None for INVALID."""
+    """Represents one entry to write. image: MF-oriented or None. transforms: `<A>To<B>` → (4, 4), None for INVALID."""
 
     t_ns: int
     image: GreyImage | None = None
@@ -38,10 +38,10 @@ def write_metaimage(
     detached: bool = False,
     orientation: str = "MFA",
 ) -> None:
-    """Write a sequence; path shows the whole of it or does not appear. Images pass through one at a time.
+    """Writes a sequence; path shows the whole of it or does not appear. Images pass through one at a time.
 
-    size_px: (width, height), None for a sequence of poses only. Entries without a picture are marked INVALID.
-    Raises OSError, and ValueError for an image of another size.
+    size_px: (width, height), None for a sequence of poses only. Entries without a picture are marked INVALID. Raises
+    OSError, and ValueError for an image of another size.
     """
     data_path = path.with_suffix(".zraw" if compressed else ".raw")
     for place in (path, data_path) if detached else (path,):
@@ -62,7 +62,7 @@ def write_metaimage(
 
 @dataclass(slots=True)
 class HeaderLines:
-    """Lines of the entries, `key = value`, and how many entries there are."""
+    """Holds the lines of the entries, `key = value`, and the number of entries."""
 
     text: list[str] = field(default_factory=list)
     count: int = 0
@@ -76,9 +76,10 @@ def spooled(
     flips: tuple[bool, bool],
     status_names: tuple[str, ...] = (IMAGE_STATUS,),
 ) -> HeaderLines:
-    """Write the pictures to data, compressed where window_bits says how; return the header lines of the entries.
+    """Writes the pictures to data, compressed where window_bits gives a format, and returns the header lines of the
+    entries.
 
-    status_names: under which it is said whether a picture is valid.
+    status_names: keys that state whether a picture is valid.
     """
     lines = HeaderLines()
     deflator = None if window_bits is None else zlib.compressobj(6, zlib.DEFLATED, window_bits)

@@ -1,4 +1,5 @@
-"""Tracked-ultrasound sequences as NRRD (`.nrrd`, `.igs.nrrd`), which 3D Slicer and PLUS store beside MetaImage.
+"""Reads and writes tracked-ultrasound sequences as NRRD (`.nrrd`, `.igs.nrrd`), which 3D Slicer and PLUS store beside
+MetaImage.
 
 Format: http://teem.sourceforge.net/nrrd/format.html. A text header of `field: value` and `key:=value` lines, closed by
 a blank line, then 8-bit pictures, raw or as one gzip stream, in the same file or in another beside it. The keys of each
@@ -35,8 +36,8 @@ _GREY = ("uchar", "unsigned char", "uint8", "uint8_t")
 _COLOURS = {(size, kind) for size, kinds in (("3", "rgb-color"), ("4", "rgba-color")) for kind in (kinds, "vector")}
 """Size and kind of a first axis that holds the colours of a pixel."""
 _MOST_LINE_BYTES = 4_000_000
-"""Length of a line of the header: 3D Slicer writes the times of all pictures in one line, eight hours at 20 Hz in so
-many."""
+"""Bytes of a line of the header: 3D Slicer writes the times of all pictures in one line; this many bytes hold eight
+hours at 20 Hz."""
 _PLANAR_AXES = 3  # of SimpleITK: columns, rows, pictures
 _MOST_AXES = 4  # of PLUS and 3D Slicer: a third spatial axis of one plane
 
@@ -49,12 +50,12 @@ _OWN_WORDS = {
     "ElementDataFile": "data file",
     "HeaderSize": "byte skip",
 }
-"""Words of MetaImage, in which a header is checked → those of NRRD, in which its author knows them."""
+"""Words of MetaImage, in which a header is checked → those of NRRD, which its author knows."""
 _ITS_WORD = re.compile("|".join(_OWN_WORDS))
 
 
 def read_nrrd(path: Path, orientation: str | None = None) -> MetaImage:
-    """Read it like read_metaimage. Raises RecordingError naming file, key and remedy."""
+    """Reads a sequence like read_metaimage. Raises RecordingError naming file, key and remedy."""
     try:
         return _read(path, orientation)
     except RecordingError as error:
@@ -85,8 +86,9 @@ def _read(path: Path, orientation: str | None) -> MetaImage:
 def write_nrrd(
     path: Path, items: Iterable[SequenceItem], size_px: tuple[int, int] | None, *, orientation: str = "MFA"
 ) -> None:
-    """Write it like write_metaimage, compressed. A sequence of poses only has pictures of one black pixel, as PLUS
-    writes it. Pictures have a third spatial axis of one plane: 3D Slicer by itself reads no others, PLUS either.
+    """Writes a sequence like write_metaimage, compressed. A sequence of poses only has pictures of one black pixel, as
+    PLUS writes it. Pictures have a third spatial axis of one plane: 3D Slicer by itself reads no others, PLUS reads
+    either.
 
     Raises OSError, and ValueError for an image of another size.
     """
@@ -115,7 +117,7 @@ def write_nrrd(
 
 
 def _index_times(path: Path, general: dict[str, str]) -> dict[int, dict[str, str]]:
-    """See index_times. Raises RecordingError."""
+    """Returns the times as index_times does. Raises RecordingError."""
     axis = len(general.get("kinds", "").split()) - 1
     try:
         return index_times(general, axis)
@@ -126,7 +128,7 @@ def _index_times(path: Path, general: dict[str, str]) -> dict[int, dict[str, str
 
 
 def _with_list(general: dict[str, str], count: int) -> dict[str, str]:
-    """The last axis is the list of pictures where it has as many as the header has frames; SimpleITK, which knows no
+    """Makes the last axis the list of pictures where it has as many as the header has frames; SimpleITK, which knows no
     lists, writes a volume with the fields of the frames.
     """
     sizes = general.get("sizes", "").split()
@@ -147,7 +149,7 @@ def _refuse_volume(path: Path, general: dict[str, str], frames: dict[int, dict[s
 
 
 def _as_metaimage(path: Path, general: dict[str, str], encoding: str, named: str) -> dict[str, str]:
-    """The header in the words of MetaImage."""
+    """Returns the header in the words of MetaImage."""
     axes = list(zip(general.get("sizes", "").split(), general.get("kinds", "").lower().split(), strict=False))
     channels = int(axes.pop(0)[0]) if axes and axes[0] in _COLOURS else 1
     if [kind for _, kind in axes if kind in ("list", "time")] == [] or len(axes) > _MOST_AXES:

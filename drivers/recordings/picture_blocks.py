@@ -1,4 +1,4 @@
-"""Pictures one after the other out of a file, stored raw or as one zlib stream."""
+"""Reads pictures one after the other out of a file, stored raw or as one zlib stream."""
 
 import zlib
 from collections.abc import Iterator
@@ -8,12 +8,12 @@ from typing import BinaryIO
 from probewatch.drivers.errors import RecordingError
 
 BLOCK_BYTES = 262_144
-"""Copied or unpacked at a time: a little less than a picture of 640 × 480. More takes memory, less takes calls. Not
-measured."""
+"""Bytes copied or unpacked at a time: a little less than a picture of 640 × 480. More takes memory, less takes calls.
+Not measured."""
 
 
 def raw(stream: BinaryIO, path: Path, count: int, frame_bytes: int) -> Iterator[bytes]:
-    """Frames that are stored raw."""
+    """Yields frames that are stored raw."""
     for index in range(count):
         block = stream.read(frame_bytes)
         if len(block) < frame_bytes:
@@ -24,7 +24,9 @@ def raw(stream: BinaryIO, path: Path, count: int, frame_bytes: int) -> Iterator[
 def inflated(
     inflator: "zlib._Decompress", stream: BinaryIO, path: Path, count: int, frame_bytes: int
 ) -> Iterator[bytes]:
-    """Frames out of one zlib stream; the last read goes past the pictures, so that zlib verifies its checksum."""
+    """Yields frames out of one zlib stream; the last read goes past the pictures, so that zlib verifies its
+    checksum.
+    """
     for index in range(count):
         block = _inflate(inflator, stream, path, frame_bytes)
         if len(block) < frame_bytes:
@@ -36,7 +38,7 @@ def inflated(
 
 
 def _inflate(inflator: "zlib._Decompress", stream: BinaryIO, path: Path, wanted: int) -> bytes:
-    """Inflate up to `wanted` bytes; fewer only at the end of the stream or of the file."""
+    """Inflates up to `wanted` bytes; fewer only at the end of the stream or of the file."""
     parts, missing = [], wanted
     try:
         while missing and not inflator.eof:

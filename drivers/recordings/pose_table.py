@@ -1,8 +1,8 @@
-"""A table of poses as one half of a recording: what a tracker's log leaves. The other half is a film (film.py).
+"""Reads a table of poses, such as a tracker's log, as one half of a recording. The other half is a film (film.py).
 
 The table is CSV with a line of headings: `t_s`, seconds on the film's time, then either `m00 … m23`, the upper three
 rows of the transform probe → tracker by rows, mm, or `x_mm`, `y_mm`, `z_mm`, `qw`, `qx`, `qy`, `qz`; `status` (ok, or
-why there is no pose) and `sequence` may stand beside them, and any other column.
+why there is no pose) and `sequence` may follow, and any other column.
 """
 
 import csv
@@ -30,29 +30,31 @@ from probewatch.drivers.trackers.plus_transform import (
 )
 
 _MOST_TABLE_BYTES = 256_000_000
-"""Size of a table, all of which is kept: as much as the header of a sequence may have."""
+"""Bytes of a table, all of which is kept: as many as the header of a sequence may have."""
 _MATRIX = tuple(f"m{row}{column}" for row in range(3) for column in range(4))
 _QUATERNION = ("x_mm", "y_mm", "z_mm", "qw", "qx", "qy", "qz")
 _NAME = "ProbeToTracker"
 _OTHER_SEPARATORS = {";": "semicolons", "\t": "tabs", "|": "bars", " ": "spaces"}
 _NUMBER = re.compile(r"[-+0-9.eE]+")
 _MOST_NAMES = 16
-"""Most columns that are listed: those of a transform and some beside it. More fills the screen; less hides columns."""
+"""Columns that are listed at most: those of a transform and some beside it. More fills the screen; less hides
+columns."""
 _MOST_QUOTED = 40
 """Characters of a cell that are repeated: a line of a terminal has 80."""
 _NOT_SEEN = "Where the tracker saw nothing leave the line out, or say why in a column status"
 _MOST_LACKING = 2
-"""Columns that a table lacks and is still reported as one with misspelt headings; with more all headings are listed."""
+"""Columns that a table may lack and is still reported as one with misspelt headings; with more all headings are
+listed."""
 _MOST_WORDS = 4
-"""Most words of a column that are listed; each row may have one of its own."""
+"""Words of a column that are listed at most; each row may have one of its own."""
 _SHORTEST, _LONGEST = 0.9, 1.1
-"""Length of a quaternion that was rounded; others are no rotation, but columns in another order."""
+"""Length of a quaternion that was rounded; others are not a rotation, but columns in another order."""
 _OWN_WORDS = {status.value: status for status in PoseStatus if status is not PoseStatus.OK}
-"""As `probewatch export` writes them, with a colon and the reason behind."""
+"""Words as `probewatch export` writes them, followed by a colon and the reason."""
 
 
 class PoseTable:
-    """Poses out of a CSV as a sequence without pictures. Raises RecordingError naming the line and the column."""
+    """Reads poses from a CSV as a sequence without pictures. Raises RecordingError naming the line and the column."""
 
     size_px = None
 
@@ -153,7 +155,7 @@ class PoseTable:
 
 
 def _table_rows(text: str, path: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
-    """(headings, (number of the line, its values) of each line that has any). Raises RecordingError."""
+    """Returns (headings, (number of the line, its values) of each line that has any). Raises RecordingError."""
     reader = csv.reader(io.StringIO(text, newline=""))
     names, rows = list[str](), list[tuple[int, list[str]]]()
     try:
@@ -174,8 +176,8 @@ def _has_status(names: list[str], cells: list[str]) -> bool:
 
 
 def _never_good(statuses: list[str]) -> str:
-    """What is wrong with a column in which nothing says that there is a pose, and some word is of nobody known; empty
-    where nothing is. It would give a recording without a single pose.
+    """Returns what is wrong with a column in which no word means that there is a pose, and some word is unknown; empty
+    where nothing is wrong. Such a column would give a recording without a single pose.
     """
     words = [status.partition(": ")[0].strip() for status in statuses]
     if any(not word or word.upper() in GOOD for word in words):
@@ -186,7 +188,7 @@ def _never_good(statuses: list[str]) -> str:
 
 
 def _no_table(names: list[str]) -> tuple[str, str]:
-    """(what is wrong, what to do) of a table without the headings that are needed."""
+    """Returns (what is wrong, what to do) for a table without the headings that are needed."""
     wanted = "t_s and m00 … m23, or t_s, x_mm, y_mm, z_mm, qw, qx, qy, qz"
     if not any(names):
         return "is empty", "Copy it again"
@@ -215,7 +217,7 @@ def _lacking(names: list[str], columns: tuple[str, ...]) -> list[str]:
 
 
 def write_poses(path: Path, rows: Iterator[Mapping[str, object]]) -> None:
-    """A table that PoseTable reads, with the columns of POSE_COLUMNS. Raises OSError."""
+    """Writes a table that PoseTable reads, with the columns of POSE_COLUMNS. Raises OSError."""
     with path.open("w", newline="") as stream:
         writer = csv.DictWriter(stream, POSE_COLUMNS)
         writer.writeheader()
@@ -234,5 +236,5 @@ def _from_rows(values: list[float]) -> Matrix4:
 def _from_quaternion(values: list[float]) -> Matrix4:
     x_mm, y_mm, z_mm, w, x, y, z = values
     if not math.isfinite(math.hypot(w, x, y, z)):
-        return np.full((4, 4), np.nan)  # reported as a pose that is none, like every matrix that is no rotation
+        return np.full((4, 4), np.nan)  # reported as not a pose, like every matrix that is not a rotation
     return pose_matrix((w, x, y, z), (x_mm, y_mm, z_mm))

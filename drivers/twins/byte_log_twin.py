@@ -1,8 +1,8 @@
-"""The device of a byte log, answering as it did when it was recorded.
+"""Plays the device of a byte log, which answers as it did when it was recorded.
 
-A request is answered by what followed the same request in the log, chunk by chunk and after the same delays. Tracking
-requests are answered in the order of the log; one more than it holds finds the device unplugged. What else the log does
-not hold is not answered.
+A request is answered with what followed the same request in the log, chunk by chunk and after the same delays. Tracking
+requests are answered in the order of the log; the first that the log does not hold finds the device unplugged. Any
+other request that the log does not hold gets no answer.
 """
 
 from collections import defaultdict, deque
@@ -14,21 +14,24 @@ from probewatch.drivers.io.byte_log import Direction, Entry
 from probewatch.drivers.twins.pty_line import IDLE_S, TwinLine
 
 _FAST_BAUD = 10_000_000
-"""Chunks go out in no time of their own, at the delays of the log: a microsecond a byte."""
+"""Bits per second at which chunks go out: a microsecond a byte, so that only the delays of the log determine their
+times."""
 
 _TRACKING = (b"BX", b"TX")
 
 
 @dataclass(slots=True)
 class Exchange:
-    """chunks: (nanoseconds since the request, bytes)."""
+    """Holds a request and its reply. chunks: (nanoseconds since the request, bytes)."""
 
     request: bytes
     chunks: list[tuple[int, bytes]] = field(default_factory=list)
 
 
 def exchanges(entries: tuple[Entry, ...]) -> list[Exchange]:
-    """Requests with what came after each of them; what came before the first belongs to an empty request."""
+    """Returns the requests with what came after each of them; what came before the first belongs to an empty
+    request.
+    """
     found = [Exchange(b"")]
     sent_ns = entries[0].t_ns if entries else 0
     for entry in entries:
@@ -41,7 +44,7 @@ def exchanges(entries: tuple[Entry, ...]) -> list[Exchange]:
 
 
 class LogTwin:
-    """The device on its line. unanswered: requests that the log does not hold, up to the end of the run."""
+    """Plays the device on its line. unanswered: requests that the log does not hold, up to the end of the run."""
 
     def __init__(self, line: TwinLine, clock: HostClock, entries: tuple[Entry, ...]) -> None:
         self.unanswered: list[bytes] = []
@@ -57,7 +60,7 @@ class LogTwin:
         self._over = False
 
     def run(self, stop: Event) -> None:
-        """Serve the line until the log has been played or stop is set."""
+        """Serves the line until the log has been played or stop is set."""
         while not self._over and not stop.is_set():
             self._received += self._line.read(IDLE_S).replace(b"\0", b"")
             while (end := self._received.find(b"\r")) >= 0:

@@ -1,4 +1,4 @@
-"""Events of a simulated device, as lines of JSON."""
+"""Prints the events of a simulated device as lines of JSON."""
 
 import json
 import sys
@@ -8,10 +8,10 @@ from probewatch.drivers.clock.host_clock import HostClock
 
 
 class Events:
-    """Prints a JSON object per line. It keeps to the standard output of when it was made: a command that later runs in
-    this process with another one, as in tests, does not get its lines.
+    """Prints a JSON object per line, on the standard output that was current when it was created: a command that later
+    runs in this process with another one, as in tests, does not get its lines.
 
-    Everything raises BrokenPipeError if nobody reads any longer.
+    Every method raises BrokenPipeError if nobody reads any longer.
     """
 
     def __init__(self, clock: HostClock) -> None:
@@ -19,15 +19,15 @@ class Events:
         self._active: frozenset[str] = frozenset()
 
     def tell(self, event: Mapping[str, object]) -> None:
-        """Print one, at once."""
+        """Prints one event at once."""
         print(json.dumps(event), file=self._stream, flush=True)
 
     def note(self, what: str, value: object) -> None:
-        """Print what has become of something, with the time."""
+        """Prints a new value of something, with the time."""
         self.tell({"t_ns": self._clock.now_ns(), what: value})
 
     def faults(self, active: frozenset[str], refusal: str | None) -> None:
-        """Print the faults that act, where they are others than before, and why a change of them was refused."""
+        """Prints the active faults where they differ from those before, and why a change of them was refused."""
         if active != self._active:
             self._active = active
             self.note("faults", sorted(active))

@@ -1,8 +1,8 @@
-"""Which faults a simulated device shows now: from its command line, and from a file that may change while it runs.
+"""Determines which faults a simulated device shows now: from its command line, and from a file that may change
+meanwhile.
 
-The control file is a JSON list. An entry is the name of a fault, which is then on as long as it is listed, or
-{"fault": NAME, "from_s": a, "to_s": b} in seconds of the world. The file may be absent or empty; it adds to the command
-line.
+The control file is a JSON list. An entry is the name of a fault, which is then on as long as it is listed, or {"fault":
+NAME, "from_s": a, "to_s": b} in seconds of the world. The file may be absent or empty; it adds to the command line.
 """
 
 import json
@@ -14,16 +14,17 @@ from probewatch.drivers.errors import ConfigurationError
 from probewatch.drivers.twins.faults import Episode, Schedule, episode_of, refuse_unknown_fault
 
 _LOOK_EVERY_S = 0.05
-"""World seconds between two looks at the file. Less asks the file system more often, more shows a fault later."""
+"""World seconds between two checks of the file. Less asks the file system more often, more shows a fault later."""
 _REMEDY = 'Give a list such as ["lose-tracker"]'
 _GAP = re.compile(r"[ \t\r\n]*")
-"""White space of JSON."""
+"""White space as JSON defines it."""
 
 
 class FaultControl:
-    """names: faults the device knows. given: from the command line. file: looked at twenty times a second.
+    """Tracks which faults are on, and checks the control file twenty times a second of the world.
 
-    refusal: why the present content of the file is not in force; empty when it is. A refused file changes nothing.
+    names: faults that the device knows. given: those from the command line. file: the control file. refusal: why the
+    present content of the file is not in force; empty when it is. A refused file changes nothing.
     """
 
     def __init__(self, names: Collection[str], given: Schedule | None = None, file: Path | None = None) -> None:
@@ -35,14 +36,14 @@ class FaultControl:
         self._reported = ""
 
     def new_refusal(self) -> str | None:
-        """The refusal, once, whenever it has become another; None otherwise."""
+        """Returns the refusal once after each change of it; None otherwise."""
         if self.refusal == self._reported:
             return None
         self._reported = self.refusal
         return self.refusal
 
     def active(self, t_s: float) -> frozenset[str]:
-        """Names of the faults that are on at world time t_s."""
+        """Returns the names of the faults that are on at world time t_s."""
         if self._file is not None and not self._look_s <= t_s < self._look_s + _LOOK_EVERY_S:
             self._look_s = t_s
             self._look(self._file)
@@ -66,7 +67,9 @@ class FaultControl:
 
 
 def parse_faults(text: str, names: Collection[str], where: str = "faults") -> Schedule:
-    """The JSON list of a control file. Raises ConfigurationError naming file, line and what is wrong there."""
+    """Parses the JSON list of a control file. Raises ConfigurationError naming the file, the line and what is wrong
+    there.
+    """
     try:
         entries = json.loads(text) if text.strip() else []
     except (ValueError, RecursionError) as error:
@@ -78,7 +81,7 @@ def parse_faults(text: str, names: Collection[str], where: str = "faults") -> Sc
 
 
 def _lines(text: str) -> Iterator[int]:
-    """The line in which each entry of a JSON list begins, counted from 1. text: such a list, whole."""
+    """Yields the line in which each entry of a JSON list begins, counted from 1. text: such a list, whole."""
     decoder, at = json.JSONDecoder(), text.find("[")
     while True:
         gap = _GAP.match(text, at + 1)
@@ -93,7 +96,7 @@ def _entry(entry: object, names: Collection[str], where: str) -> Episode:
 
 
 def parse_fault(text: str, names: Collection[str]) -> Episode:
-    """`NAME`, `NAME@FROM` or `NAME@FROM..TO` in seconds of the world. Raises ConfigurationError."""
+    """Parses `NAME`, `NAME@FROM` or `NAME@FROM..TO` in seconds of the world. Raises ConfigurationError."""
     name, at, times = text.partition("@")
     episode = _listed(name, names, "--fault")
     if not at:

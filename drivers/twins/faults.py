@@ -1,4 +1,4 @@
-"""Faults that a simulated cart can show, when each is on, and what it does to a picture or a pose.
+"""Defines the faults that a simulated cart can show, when each is on, and what it does to a picture or a pose.
 
 The helpers are pure, so a recording can be spoiled with the same faults as the live twins.
 """
@@ -28,7 +28,7 @@ CART_FAULTS = (
     "lose-tracker",
     "stale-tracker",
 )
-"""Those that a cart must notice; tools/demo/script.py says under which class."""
+"""Names of the faults that a cart must notice; tools/demo/script.py lists the class under which it does."""
 
 PICTURE_FAULTS = (
     "flip-lateral",
@@ -40,26 +40,28 @@ PICTURE_FAULTS = (
     "flicker-blank",
     "future-stamp",
 )
-"""Those that the scanner shows; the tracker shows the others.
+"""Names of the faults that the scanner shows; the tracker shows the others.
 
-user-freeze: the freeze key: the picture stands, with a mark beside it. flicker-blank: every second picture is black but
-for faint noise. future-stamp: the first picture, and no other, has a stamp FUTURE_S ahead."""
+user-freeze: the freeze key was pressed, so the picture does not change and carries a mark. flicker-blank: every second
+picture is black but for faint noise. future-stamp: the first picture, and no other, has a stamp FUTURE_S ahead."""
 
 _LATEST_S = 1e9
-"""Thirty years: later is a slip, and refused. Nanoseconds of it fit 64 bits."""
+"""Seconds, thirty years: a later time is a slip, and is refused. Its nanoseconds fit 64 bits."""
 
 ZOOM = 1.10
 LATENCY_S = 0.100
-"""Past the default limits (appliance/limits.py: 5 %, 60 ms), so that they must be found, and no more than twice."""
+"""Factor and seconds, past the default limits (appliance/limits.py: 5 %, 60 ms), so that they must be found, and no
+more than twice those limits."""
 FUTURE_S = 60.0
-"""Twice as long as a verification lasts (max_verification_age), so that a stamp taken for true would outlast it."""
+"""Seconds, twice as long as a verification lasts (max_verification_age), so that a stamp taken for true would outlast
+it."""
 _MARK_PX, _MARK_INSET_PX, _MARK_GREY = 12, 4, 230
-"""A freeze symbol: smaller than any scanner's, in the corner that no sector reaches."""
+"""Pixels and grey of a freeze symbol: smaller than any scanner's, in the corner that no sector reaches."""
 _FAINT_GREY = 4
 """Grey levels of a blank picture's noise, as a grabber without a signal shows; speckle spans ten times as many."""
 
 BEND_DEG = 5.0
-"""Past the default limit of 3° (appliance/limits.py) by less than its double."""
+"""Degrees, past the default limit of 3° (appliance/limits.py) by less than twice that limit."""
 
 BEND_AXIS = (0.95, 0.16, 0.27)
 """Axis in the sensor frame; oblique to all picture axes of the simulated probe, nearest to the elevational."""
@@ -70,19 +72,19 @@ SLIDE_MM = (0.5, -7.4, 6.7)
 
 @dataclass(frozen=True, slots=True)
 class Episode:
-    """One fault from from_s on until to_s, world seconds; to_s None means for good."""
+    """Represents one fault that is on from from_s until to_s, world seconds; with to_s None it never ends."""
 
     fault: str
     from_s: float
     to_s: float | None = None
 
     def covers(self, t_s: float) -> bool:
-        """Whether the fault is on at t_s."""
+        """Returns whether the fault is on at t_s."""
         return self.from_s <= t_s and (self.to_s is None or t_s < self.to_s)
 
 
 def refuse_unknown_fault(name: object, names: Collection[str], where: str) -> None:
-    """Raises ConfigurationError for a name that is none of `names`, and suggests the most similar of them."""
+    """Raises ConfigurationError for a name that is not one of `names`, and suggests the most similar of them."""
     if name in list(names):
         return
     question = did_you_mean(suggested(str(name), names))
@@ -105,7 +107,9 @@ def _second(entry: dict[str, Any], key: str, where: str) -> float:
 
 
 def episode_of(entry: object, names: Collection[str], where: str = "fault schedule") -> Episode:
-    """An entry of a schedule. Raises ConfigurationError naming what is wrong; where: stands the entry."""
+    """Returns an entry of a schedule as an Episode. Raises ConfigurationError naming what is wrong. where: the place of
+    the entry, for the message.
+    """
     if not isinstance(entry, dict) or not {"fault", "from_s"} <= set(entry) <= {"fault", "from_s", "to_s"}:
         raise _refuse("each entry needs fault, from_s and may have to_s, nothing else", entry, where)
     refuse_unknown_fault(entry["fault"], names, where)
@@ -118,13 +122,13 @@ def episode_of(entry: object, names: Collection[str], where: str = "fault schedu
 
 @dataclass(frozen=True, slots=True)
 class Schedule:
-    """Which faults are on at which world time."""
+    """Holds which faults are on at which world time."""
 
     episodes: tuple[Episode, ...] = ()
 
     @classmethod
     def parse(cls, text: str, names: Collection[str] = CART_FAULTS) -> "Schedule":
-        """JSON list of {"fault", "from_s", "to_s"} → Schedule. Raises ConfigurationError naming the entry.
+        """Parses a JSON list of {"fault", "from_s", "to_s"}. Raises ConfigurationError naming the entry.
 
         names: the faults that the device knows.
         """
@@ -137,16 +141,16 @@ class Schedule:
         return cls(tuple(episode_of(entry, names) for entry in entries))
 
     def to_json(self) -> str:
-        """The text that parse() reads back as an equal Schedule."""
+        """Returns the text that parse() reads back as an equal Schedule."""
         return json.dumps([{"fault": e.fault, "from_s": e.from_s, "to_s": e.to_s} for e in self.episodes])
 
     def active(self, t_s: float) -> frozenset[str]:
-        """Names of the faults that are on at t_s."""
+        """Returns the names of the faults that are on at t_s."""
         return frozenset(episode.fault for episode in self.episodes if episode.covers(t_s))
 
 
 def zoom(image: GreyImage, factor: float, top_row_px: float = 0.0) -> GreyImage:
-    """The picture magnified about the top centre of its sector, as a smaller depth setting shows it."""
+    """Returns the picture magnified about the top centre of its sector, as a smaller depth setting shows it."""
     centre_px = (image.shape[1] - 1) / 2
     warp = np.array([[factor, 0, centre_px * (1 - factor)], [0, factor, top_row_px * (1 - factor)]])
     zoomed = cv2.warpAffine(image, warp, (image.shape[1], image.shape[0]), flags=cv2.INTER_LINEAR)
@@ -154,7 +158,7 @@ def zoom(image: GreyImage, factor: float, top_row_px: float = 0.0) -> GreyImage:
 
 
 def spoil_image(image: GreyImage, active: Collection[str], top_row_px: float = 0.0) -> GreyImage:
-    """(h, w) uint8 → the same shape, under the image faults among `active`; other names leave it as it is."""
+    """Applies the image faults among `active` to a picture, (h, w) uint8 → the same shape, and ignores other names."""
     if "depth" in active:
         image = zoom(image, ZOOM, top_row_px)
     if "flip-lateral" in active:
@@ -165,7 +169,7 @@ def spoil_image(image: GreyImage, active: Collection[str], top_row_px: float = 0
 
 
 def frozen_image(image: GreyImage) -> GreyImage:
-    """The picture with the mark of the freeze key: a ring in its upper right corner."""
+    """Returns the picture with the mark of the freeze key: a ring in its upper right corner."""
     marked = image.copy()
     radius = _MARK_PX // 2
     centre = (image.shape[1] - _MARK_INSET_PX - radius, _MARK_INSET_PX + radius)
@@ -174,12 +178,14 @@ def frozen_image(image: GreyImage) -> GreyImage:
 
 
 def blank_image(shape: tuple[int, ...], index: int) -> GreyImage:
-    """(h, w) uint8, black but for noise of a few grey levels that index, >= 0, seeds."""
+    """Returns a picture, (h, w) uint8, that is black but for noise of a few grey levels, which index, >= 0, seeds."""
     return np.random.default_rng((47, index)).integers(0, _FAINT_GREY, shape, np.uint8)
 
 
 def spoil_pose(matrix: Matrix4, active: Collection[str]) -> Matrix4:
-    """(4, 4) sensor → tracker, mm → what is reported once the marker body sits otherwise on the probe."""
+    """Returns the pose that is reported once the marker body sits differently on the probe. matrix: (4, 4) sensor →
+    tracker, mm.
+    """
     change = np.eye(4)
     if "bend-marker" in active:
         axis = np.array(BEND_AXIS) / np.linalg.norm(BEND_AXIS)
@@ -190,10 +196,10 @@ def spoil_pose(matrix: Matrix4, active: Collection[str]) -> Matrix4:
 
 
 def spoil_witness(matrix: Matrix4, active: Collection[str]) -> Matrix4:
-    """The same of a second body on the probe, whose own clamp gave way."""
+    """Returns the pose that is reported of a second body on the probe, whose own clamp gave way."""
     return spoil_pose(matrix, {"bend-marker"} if "bend-witness" in active else ())
 
 
 def pose_time_s(t_s: float, active: Collection[str]) -> float:
-    """World time of the pose that a tracker reports as that of t_s."""
+    """Returns the world time of the pose that a tracker reports as that of t_s."""
     return t_s - LATENCY_S if "latency" in active else t_s

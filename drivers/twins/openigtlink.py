@@ -1,7 +1,8 @@
-"""A simulated OpenIGTLink server, such as PLUS: it hands on what a scanner and a tracker yield, or a world of its own.
+"""Simulates an OpenIGTLink server, such as PLUS, that passes on what a scanner and a tracker yield, or a simulated
+world.
 
-Pictures go out as IMAGE, poses as TRANSFORM; what has no matrix goes out with the last one that there was and PLUS's
-word for why. GET_STATUS is answered.
+Pictures go out as IMAGE, poses as TRANSFORM; a pose without a matrix goes out with the last matrix that there was and
+PLUS's word for why. GET_STATUS is answered.
 """
 
 import math
@@ -49,11 +50,14 @@ FAULTS = (
     "bend-witness",
     "witness-missing",
 )
-"""stall: open connections, and not a word more. mute: pictures and poses end, questions are answered. unplug:
-connections end and new ones are refused. reset, clock-jump: at their beginning, the sender's clock by an hour. bad-crc,
-garbage: of every message, or between them. split: segments of 37 bytes. untimed: time 0. repeat: the last pose again
-and again. complain: STATUS says not ready. identity, left-out: what a server sends of a tool that is not seen, in
-place of PLUS's words. old-header: version 1, without metadata. bend-witness, witness-missing: of the second body."""
+"""Names of the server's faults:
+
+stall: open connections, and nothing more is sent. mute: pictures and poses end, questions are answered. unplug:
+connections end and new ones are refused. reset, clock-jump: at their beginning; a jump sets the sender's clock ahead by
+an hour. bad-crc, garbage: in every message, or after it. split: segments of 37 bytes. untimed: time 0. repeat: the last
+pose again and again. complain: STATUS says not ready. identity, left-out: what a server sends for a tool that is not
+seen, in place of PLUS's words. old-header: version 1, without metadata. bend-witness, witness-missing: strike the
+second body."""
 
 _STATUS_WORDS = {
     PoseStatus.OK: "OK",
@@ -65,28 +69,29 @@ _STATUS_WORDS = {
     PoseStatus.FAULT: "UNKNOWN",
     PoseStatus.NOT_UNDERSTOOD: "UNKNOWN",
 }
-"""What PLUS says of a tool."""
+"""PLUS's words for the state of a tool."""
 
 _READ_S, _PAUSE_S = 0.1, 0.2
-"""For which a source is waited for, and between two attempts to open one. Longer ends the twin later."""
+"""Seconds for which a source is waited for, and between two attempts to open one. Longer ends the twin later."""
 
 _SEND_EVERY_NS = 30_000_000
-"""Between two words that the tracker is lost: the pace of PLUS's loop, 33 Hz or so."""
+"""Nanoseconds between two messages that the tracker is lost: the pace of PLUS's loop, 33 Hz or so."""
 
 _BACKLOG_BYTES = 1 << 23
-"""For a client that does not read: a second of pictures. Then it is dropped, or this process would grow."""
+"""Bytes that are kept for a client that does not read: a second of pictures. At more it is dropped, or this process
+would grow."""
 
 _WAITING = 64
-"""Samples that the sources are ahead of the server, a second of poses: then they wait for it."""
+"""Samples that the sources may be ahead of the server, a second of poses: at more they wait for it."""
 
 _IDLE_S = 0.02
-"""Longest wait, after which faults are looked at and samples taken."""
+"""Seconds: longest wait, after which faults are checked and samples taken."""
 
 _SEGMENT_BYTES = 37
-"""Fault "split": a prime, so that no message begins where a segment does for long."""
+"""Bytes of a segment in fault "split": a prime, so that no message begins where a segment does for long."""
 
 _JUMP_NS = 3_600_000_000_000
-"""Fault "clock-jump": an hour, as when daylight saving time is put right by hand."""
+"""Nanoseconds of fault "clock-jump": an hour, as when daylight saving time is corrected by hand."""
 
 _SEED = 53
 """Random seed of the garbage, so that it is the same every time."""
@@ -95,7 +100,7 @@ Opener = Callable[[], VideoSource | TrackerSource]
 
 
 class _Client:
-    """One connection. version: of the last header that it sent, 1 before that."""
+    """Represents one connection. version: that of the last header which the client sent, 1 before that."""
 
     def __init__(self, line: socket.socket) -> None:
         self.line, self.version = line, 1
@@ -103,7 +108,7 @@ class _Client:
         self.stream = MessageStream(lambda header: header.kind == "GET_STATUS")
 
     def hear(self) -> list[Message]:
-        """Questions. Raises OSError when the peer is gone, ProtocolError."""
+        """Returns the questions that have arrived. Raises OSError when the peer is gone, and ProtocolError."""
         data = self.line.recv(4096)
         if not data:
             raise ConnectionResetError
@@ -116,13 +121,13 @@ class _Client:
         return found
 
     def put(self, data: bytes) -> None:
-        """Raises OSError for a client that does not read."""
+        """Queues data. Raises OSError for a client that does not read."""
         self.unsent += data
         if len(self.unsent) > _BACKLOG_BYTES:
             raise ConnectionAbortedError
 
     def flush(self, most_bytes: int) -> None:
-        """Raises OSError."""
+        """Sends what is queued, at most most_bytes at a time. Raises OSError."""
         with suppress(BlockingIOError):
             while self.unsent:
                 del self.unsent[: self.line.send(self.unsent[:most_bytes])]
@@ -131,7 +136,7 @@ class _Client:
 class IgtlTwin(ListeningTwin[_Client]):
     """Simulates an OpenIGTLink server. address: as `TcpServer` has it.
 
-    sources: how to open what is handed on, each tried again when it is lost. faults: of FAULTS, and when.
+    sources: how to open what is passed on, each opened again when it is lost. faults: which of FAULTS are on, and when.
     """
 
     def __init__(
@@ -150,7 +155,7 @@ class IgtlTwin(ListeningTwin[_Client]):
         super().__init__(TcpServer(address, _Client, self._events.note))
 
     def run(self, stop: Event) -> None:
-        """Serve until stop is set."""
+        """Serves until stop is set."""
         threads = [threading.Thread(target=self._draw, args=(opener, stop)) for opener in self._sources]
         for thread in threads:
             thread.start()
@@ -162,7 +167,9 @@ class IgtlTwin(ListeningTwin[_Client]):
             thread.join()
 
     def _draw(self, opener: Opener, stop: Event) -> None:
-        """One source into the queue; a lost one is opened again, and until then a tracker's tool is not available."""
+        """Feeds one source into the queue; a lost one is opened again, and until then a tracker's tool is not
+        available.
+        """
         tracks = False
         while not stop.is_set():
             with suppress(DeviceLost, ProtocolError), opener() as source:
@@ -183,7 +190,7 @@ class IgtlTwin(ListeningTwin[_Client]):
         return True
 
     def _take_faults(self) -> None:
-        """What faults do at their beginning and their end."""
+        """Applies what faults do at their beginning and their end."""
         active = self.faults.active((self._clock.now_ns() - self._clock.origin_ns) / 1e9)
         begun, changed = active - self._active, active != self._active
         self._active = active
@@ -205,7 +212,7 @@ class IgtlTwin(ListeningTwin[_Client]):
         self._to_all(lambda client: self._message(client, "STATUS", "Tracker", status.content, self._clock.now_ns()))
 
     def _serve(self) -> None:
-        """Connections, questions, and what still waits to be sent, until a sample waits."""
+        """Serves connections, questions, and what still waits to be sent, until a sample waits."""
         wait_s = 0.0 if not self._samples.empty() else self._clock.real_s(_IDLE_S) / 10
         heard = () if "stall" in self._active else tuple(self._server.clients)
         for client in self._server.wait(wait_s, heard, lambda client: bool(client.unsent)):
@@ -259,7 +266,7 @@ class IgtlTwin(ListeningTwin[_Client]):
         self._server.act_for_all(lambda client: client.flush(most_bytes))
 
     def _message(self, client: _Client, kind: str, device: str, content: bytes, t_ns: int, tool: str = "") -> bytes:
-        """t_ns: of the host's clock, which goes out as UTC."""
+        """Encodes a message for a client. t_ns: time by the host's clock, which goes out as UTC."""
         version = 1 if "old-header" in self._active else client.version
         utc = 0 if "untimed" in self._active else time_of(t_ns + self._utc_ns)
         self._number += 1

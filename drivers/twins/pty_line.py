@@ -1,7 +1,7 @@
-"""A serial line of which one end is a pseudo-terminal that the real driver opens by a fixed name.
+"""Provides a serial line of which one end is a pseudo-terminal that the real driver opens by a fixed name.
 
-What a pseudo-terminal does not model: a break is invisible here (drivers send a NUL at a slow rate as well), control
-lines are absent, and bytes sent at the wrong speed arrive unharmed unless the twin spoils them.
+A pseudo-terminal does not model all of a line: a break is invisible here (drivers send a NUL at a slow rate as well),
+control lines are absent, and bytes sent at the wrong speed arrive unharmed unless the twin spoils them.
 """
 
 import fcntl
@@ -20,12 +20,12 @@ from probewatch.drivers.closable import Closable
 from probewatch.drivers.io.serial_port import BITS_PER_BYTE
 
 IDLE_S = 0.05
-"""Seconds of the clock for which a twin waits on its line before it looks whether to stop, and at its faults. More
-shows a fault later, less wakes an idle twin more often."""
+"""Seconds of the clock for which a twin waits on its line before it checks whether to stop, and its faults. More shows
+a fault later, less wakes an idle twin more often."""
 
 _SLICE_S = 0.001
-"""Shortest wall time for which writing sleeps; faster bytes go out together. Linux wakes a sleeper some 0.1 ms late, so
-shorter slices would not be any truer."""
+"""Seconds: shortest wall time for which writing sleeps; faster bytes go out together. Linux wakes a sleeper some 0.1 ms
+late, so shorter slices would not be more accurate."""
 
 _TCGETS2, _TERMIOS2_BYTES, _OSPEED_AT = 0x802C542A, 44, 40
 """Linux, asm-generic/termbits.h: the request, sizeof(struct termios2), and c_ospeed in it. Python's termios knows no
@@ -33,9 +33,10 @@ speeds but the usual ones."""
 
 
 class TwinLine(Protocol):
-    """The device's end of a line, whatever it is made of.
+    """Represents the device's end of a line, whatever carries it.
 
-    source: distinguishes who sent what read() returned. monitor: that one came later than another who is still there.
+    source: distinguishes who sent what read() returned. monitor: whether that connection came later than another one
+    that is still there.
     """
 
     @property
@@ -49,23 +50,25 @@ class TwinLine(Protocol):
     ) -> None: ...
 
     def plug(self) -> None:
-        """The host can open the device."""
+        """Lets the host open the device."""
 
     def unplug(self) -> None:
-        """The host's reads end in an error from now on, as when the cable is pulled."""
+        """Makes the host's reads end in an error from now on, as when the cable is pulled."""
 
     def hears(self, baud: int) -> bool:
-        """Whether the host speaks at this line speed."""
+        """Returns whether the host speaks at this line speed."""
 
     def read(self, timeout_s: float) -> bytes:
-        """What the host has sent; empty when nothing came within timeout_s of the clock."""
+        """Returns what the host has sent; empty when nothing came within timeout_s of the clock."""
 
     def write(self, data: bytes, baud: int, start_ns: int) -> None:
-        """Send to whom read() heard last, the first byte from start_ns on; returns after the last byte."""
+        """Sends to the host from which read() last returned bytes, the first byte from start_ns on; returns after the
+        last byte.
+        """
 
 
 class PtyLine(Closable):
-    """The device's end. link: path of the symbolic link to the host's end; an older link is taken over."""
+    """Represents the device's end. link: path of the symbolic link to the host's end; an older link is replaced."""
 
     source, monitor = 0, False
 
@@ -78,7 +81,7 @@ class PtyLine(Closable):
         self.unplug()
 
     def plug(self) -> None:
-        """Make a pseudo-terminal and let the link point to it."""
+        """Makes a pseudo-terminal and lets the link point to it."""
         self._master, self._slave = os.openpty()
         tty.setraw(self._slave, termios.TCSANOW)
         self._name = os.ttyname(self._slave)
@@ -88,10 +91,10 @@ class PtyLine(Closable):
         fresh.replace(self._link)
 
     def unplug(self) -> None:
-        """The host's reads end in an error from now on, and the link is gone, as when the adapter is pulled.
+        """Makes the host's reads end in an error from now on, and removes the link, as when the adapter is pulled.
 
         The link goes first: the kernel gives the number of a closed pseudo-terminal to the next program that asks, and
-        the host would open another one's device by it.
+        the host would open another program's device by it.
         """
         with suppress(OSError):
             if str(self._link.readlink()) == self._name:
@@ -103,22 +106,22 @@ class PtyLine(Closable):
 
     @property
     def host_baud(self) -> int:
-        """Bits per second that the host has set."""
+        """Returns the bits per second that the host has set."""
         settings = fcntl.ioctl(self._slave, _TCGETS2, bytes(_TERMIOS2_BYTES))
         return int(struct.unpack_from("=I", settings, _OSPEED_AT)[0])
 
     def hears(self, baud: int) -> bool:
-        """Whether the host has set this line speed."""
+        """Returns whether the host has set this line speed."""
         return self.host_baud == baud
 
     def read(self, timeout_s: float) -> bytes:
-        """What the host has sent; empty when nothing came within timeout_s of the clock."""
+        """Returns what the host has sent; empty when nothing came within timeout_s of the clock."""
         if not select.select([self._master], [], [], self._clock.real_s(timeout_s))[0]:
             return b""
         return os.read(self._master, 4096)
 
     def write(self, data: bytes, baud: int, start_ns: int) -> None:
-        """Send byte after byte as a line of `baud` would, the first from start_ns on; returns after the last."""
+        """Sends byte after byte as a line of `baud` would, the first from start_ns on; returns after the last."""
         duration_ns = len(data) * BITS_PER_BYTE * 1_000_000_000 // baud
         slices = max(1, min(len(data), int(self._clock.real_s(duration_ns / 1e9) / _SLICE_S)))
         for i in range(slices):

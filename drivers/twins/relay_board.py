@@ -1,4 +1,4 @@
-"""A simulated LCUS relay board, which prints every change of a contact."""
+"""Simulates an LCUS relay board, which prints every change of a contact."""
 
 from collections.abc import Callable
 from threading import Event
@@ -9,12 +9,12 @@ from probewatch.drivers.twins.events import Events
 from probewatch.drivers.twins.pty_line import IDLE_S, PtyLine
 
 Change = dict[str, int | bool]
-"""{"t_ns": of the clock, "channel": number, "energised": whether it has closed}."""
+"""{"t_ns": time by the clock, "channel": number, "energised": whether it has closed}."""
 
 
 class RelayBoard:
-    """contacts: channel → closed. answers: reports its contacts when asked, as boards with a microcontroller do.
-    on_change: is called with every change; without it they are printed.
+    """Switches contacts as commanded. contacts: channel → closed. answers: whether it reports its contacts when asked,
+    as boards with a microcontroller do. on_change: is called with every change; without it they are printed.
     """
 
     def __init__(
@@ -31,7 +31,7 @@ class RelayBoard:
         self._received = bytearray()
 
     def run(self, stop: Event) -> None:
-        """Serve the line until stop is set."""
+        """Serves the line until stop is set."""
         while not stop.is_set():
             self._received += self._line.read(IDLE_S)
             while self._received:
@@ -39,7 +39,7 @@ class RelayBoard:
                     break
 
     def _take(self) -> bool:
-        """Consume one command, or one byte that starts none. False while a command is incomplete."""
+        """Consumes one command, or one byte that starts none. Returns False while a command is incomplete."""
         if self._received.startswith(STATUS_QUERY):
             del self._received[:1]
             self._report()

@@ -1,4 +1,4 @@
-"""A simulated scanner with a video output for `sim:PATH`, which prints what changes."""
+"""Simulates a scanner with a video output for `sim:PATH`, and prints what changes."""
 
 import socket
 import stat
@@ -19,20 +19,21 @@ from probewatch.drivers.twins.scene.world import World
 from probewatch.drivers.video.sim import pack_frame
 
 _STAMP_ERR_NS = 1_000_000
-"""Bound that the frames state. Their times are exact; it stands for what a grabber does not know of them."""
+"""Nanoseconds: bound that the frames state. Their times are exact; it represents what a grabber does not know of
+them."""
 
 _SEND_S = 0.5
-"""For a viewer to take a frame. One that does not is dropped, or the video of the next would wait for it."""
+"""Seconds for a viewer to take a frame. One that does not is dropped, or the next viewer's video would wait for it."""
 
 _LONGEST_COST_S = 0.2
-"""Cost of one frame, seconds of the clock. A frame that waited long for the processor would otherwise let the scanner
-render so far ahead that it shows one picture in as many seconds, long after the processor is free again."""
+"""Seconds of the clock: cost of one frame at most. A frame that waited long for the processor would otherwise let the
+scanner render so far ahead that it shows one picture in as many seconds, long after the processor is free again."""
 
 
 class VideoPlug(Closable):
-    """The socket's server end: one viewer at a time, the next one waits until that one is gone.
+    """Represents the socket's server end: it has one viewer at a time, and the next one waits until that one is gone.
 
-    path: taken over when an earlier scanner has left it; unlinked on leaving the context.
+    path: replaced when an earlier scanner has left it; unlinked on leaving the context.
     """
 
     def __init__(self, path: Path) -> None:
@@ -49,7 +50,7 @@ class VideoPlug(Closable):
         self.unplug()
 
     def plug(self) -> None:
-        """Listen, unless it does already."""
+        """Listens, unless it already does."""
         if self._door is not None:
             return
         if self._path.exists() and stat.S_ISSOCK(self._path.stat().st_mode):
@@ -60,7 +61,7 @@ class VideoPlug(Closable):
         self._door.setblocking(False)
 
     def unplug(self) -> None:
-        """Refuse every new viewer, then drop the present one, as when the cable is pulled."""
+        """Refuses every new viewer, then drops the present one, as when the cable is pulled."""
         if self._door is not None:
             self._path.unlink(missing_ok=True)
         for line in (self._door, self._viewer):
@@ -110,14 +111,14 @@ class Scanner:
 
     @property
     def account(self) -> dict[str, int]:
-        """How many frames were sent. sent: frames that a viewer took. skipped: numbers between the first and the last
-        of them that none took.
+        """Returns how many frames were sent. sent: frames that a viewer took. skipped: numbers between the first and
+        the last of them that no viewer took.
         """
         spanned = 0 if self._first is None else self._last - self._first + 1
         return {"sent": self._sent, "skipped": spanned - self._sent}
 
     def run(self, stop: Event) -> None:
-        """Serve until stop is set."""
+        """Serves until stop is set."""
         number = -1
         while not stop.is_set():
             ready_s = (self._clock.now_ns() - self._clock.origin_ns) / 1e9 + self._cost_s
@@ -145,7 +146,9 @@ class Scanner:
         self._watched = watched
 
     def _rendered(self, number: int, t_s: float, t_ns: int, active: frozenset[str]) -> bytes:
-        """The frame as the socket carries it; remembers how long rendering takes, in seconds of the clock."""
+        """Returns the frame as the socket carries it, and remembers how long rendering takes, in seconds of the
+        clock.
+        """
         began_s = time.monotonic()
         if self._held is None or not active & {"freeze-video", "user-freeze"}:
             self._held = self._world.frame(t_s, number, active)

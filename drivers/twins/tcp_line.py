@@ -1,6 +1,6 @@
-"""A network line: a listening TCP port of this computer that the real driver connects to.
+"""Provides a network line: a listening TCP port of this computer to which the real driver connects.
 
-The connection that has been there longest may command, all others only look; each has its own replies.
+The connection that has been open longest may command, all others may only query; each has its own replies.
 """
 
 import select
@@ -13,11 +13,13 @@ from probewatch.drivers.closable import Closable
 
 _ABORT = struct.pack("ii", 1, 0)
 _SEND_S = 1.0
-"""For a host to take a reply. One that does not is dropped, or the others would wait for it."""
+"""Seconds for a host to take a reply. One that does not is dropped, or the others would wait for it."""
 
 
 class TcpLine(Closable):
-    """port: 0 takes a free one, which it keeps. source, monitor: see drivers.twins.pty_line.TwinLine."""
+    """Represents the device's end. port: 0 takes a free one, which it keeps. source, monitor: see
+    drivers.twins.pty_line.TwinLine.
+    """
 
     def __init__(self, port: int, clock: HostClock) -> None:
         self.port = port
@@ -33,17 +35,17 @@ class TcpLine(Closable):
 
     @property
     def monitor(self) -> bool:
-        """Whether the connection that spoke last came later than another one that is still there."""
+        """Returns whether the connection that spoke last came later than another one that is still there."""
         return bool(self._clients) and self.source != self._clients[0].fileno()
 
     def plug(self) -> None:
-        """Listen."""
+        """Listens, unless it already does."""
         if self._listener is None:
             self._listener = socket.create_server(("127.0.0.1", self.port))
             self.port = self._listener.getsockname()[1]
 
     def unplug(self) -> None:
-        """Reset every connection and listen no more."""
+        """Resets every connection and stops listening."""
         for client in list(self._clients):
             with suppress(OSError):
                 client.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _ABORT)
@@ -53,11 +55,11 @@ class TcpLine(Closable):
             self._listener = None
 
     def hears(self, baud: int) -> bool:
-        """There is no line speed here."""
+        """Returns True, because there is no line speed here."""
         return True
 
     def read(self, timeout_s: float) -> bytes:
-        """What one of the hosts has sent; empty when nothing came within timeout_s of the clock."""
+        """Returns what one of the hosts has sent; empty when nothing came within timeout_s of the clock."""
         waiting = [*self._clients] + ([self._listener] if self._listener is not None else [])
         ready = select.select(waiting, [], [], self._clock.real_s(timeout_s))[0]
         if self._listener in ready:
@@ -69,7 +71,9 @@ class TcpLine(Closable):
         return b""
 
     def write(self, data: bytes, baud: int, start_ns: int) -> None:
-        """Send at once to the client that read() heard last; one that does not take it is dropped."""
+        """Sends from start_ns on, at once, to the client from which read() last returned bytes; one that does not take
+        it is dropped.
+        """
         self._clock.sleep_until(start_ns)
         for client in [client for client in self._clients if client.fileno() == self.source]:
             try:

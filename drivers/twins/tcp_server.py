@@ -1,4 +1,4 @@
-"""What a twin with any number of TCP clients needs: listen, accept, act for each, drop, unplug and reset."""
+"""Provides what a twin with any number of TCP clients needs: listen, accept, act for each, drop, unplug and reset."""
 
 import selectors
 import socket
@@ -11,11 +11,11 @@ from probewatch.drivers.closable import Closable
 from probewatch.drivers.errors import ProtocolError, cannot_listen
 
 _ABORT = struct.pack("ii", 1, 0)
-"""SO_LINGER: closing sends RST and not FIN, as a server does that dies."""
+"""SO_LINGER: closing sends RST and not FIN, as a server that dies does."""
 
 
 class Client(Protocol):
-    """One connection."""
+    """Represents one connection."""
 
     line: socket.socket
 
@@ -24,9 +24,9 @@ C = TypeVar("C", bound=Client)
 
 
 class TcpServer(Generic[C]):
-    """Listens from construction on. address: (host, port), the port chosen if 0 was given; clients: those connected.
+    """Listens from construction on. address: (host, port), the port chosen if 0 was given. clients: those connected.
 
-    made: a client of an accepted connection. note: is called with how many there are, whenever that changes. Raises
+    made: makes a client of an accepted connection. note: is called with their number whenever that changes. Raises
     ConfigurationError where the port is taken.
     """
 
@@ -40,7 +40,7 @@ class TcpServer(Generic[C]):
         self.listen()
 
     def listen(self) -> None:
-        """Listen again after unplug; otherwise do nothing."""
+        """Listens again after unplug; otherwise does nothing."""
         if self._listener is not None:
             return
         try:
@@ -51,7 +51,7 @@ class TcpServer(Generic[C]):
         self.address = self._listener.getsockname()[:2]
 
     def unplug(self) -> None:
-        """End every connection and stop listening."""
+        """Ends every connection and stops listening."""
         if self._listener is not None:
             self._listener.close()
         self._listener = None
@@ -59,21 +59,21 @@ class TcpServer(Generic[C]):
             self.drop(client)
 
     def reset(self) -> None:
-        """Every connection ends with RST."""
+        """Ends every connection with RST."""
         for client in tuple(self.clients):
             client.line.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _ABORT)
             self.drop(client)
 
     def drop(self, client: C) -> None:
-        """End one connection."""
+        """Ends one connection."""
         client.line.close()
         self.clients.remove(client)
         self._note("clients", len(self.clients))
 
     def wait(self, wait_s: float, heard: Collection[C], to_write: Callable[[C], bool] = lambda _: False) -> list[C]:
-        """Those of `heard` that have sent something, or can be written to where to_write says that they want to be.
+        """Returns those of `heard` that have sent something, or that can be written to where to_write asks for it.
 
-        Accepts who has come. Only select() does not round the wait to milliseconds.
+        Accepts a connection that waits. Only select() does not round the wait to milliseconds.
         """
         with selectors.SelectSelector() as ready:
             if self._listener is not None:
@@ -87,7 +87,7 @@ class TcpServer(Generic[C]):
         return [client for client in found if client is not None]
 
     def act(self, client: C, work: Callable[[C], object]) -> None:
-        """Do work for a client; one that is gone, or talks nonsense, is dropped."""
+        """Does work for a client; one that is gone, or breaks the protocol, is dropped."""
         try:
             work(client)
         except BlockingIOError:
@@ -96,7 +96,7 @@ class TcpServer(Generic[C]):
             self.drop(client)
 
     def act_for_all(self, work: Callable[[C], object]) -> None:
-        """Act for those that are connected now."""
+        """Does work for each client that is connected now."""
         for client in tuple(self.clients):
             self.act(client, work)
 
@@ -118,7 +118,7 @@ class ListeningTwin(Closable, Generic[C]):
 
     @property
     def address(self) -> tuple[str, int]:
-        """(host, port) where it listens."""
+        """Returns (host, port) where it listens."""
         return self._server.address
 
     def close(self) -> None:

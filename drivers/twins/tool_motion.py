@@ -1,9 +1,9 @@
-"""Where the simulated tools are: from the shared world, from a pose file, or from a recording.
+"""Provides the poses of the simulated tools: from the shared world, from a pose file, or from a recording.
 
 A pose file is CSV in UTF-8 with the heading `t_s,tool,q0,qx,qy,qz,x_mm,y_mm,z_mm`. Each row holds the pose of one tool
 (probe, reference, tool2, tool3 …) in the tracker's frame at one second of the world; the rows of a tool are in the
-order of time. Between two rows the pose is interpolated, before the first and after the last it stands still. A row
-without numbers says that the tool is not seen until its next row.
+order of time. Between two rows the pose is interpolated, before the first and after the last it is stationary. A row
+without numbers states that the tool is not seen until its next row.
 """
 
 import csv
@@ -33,31 +33,31 @@ PoseAt = Callable[[str, float, int], Matrix4 | None]
 """(name of the tool, world seconds, number of the measurement) → (4, 4) tool → tracker, mm; None where not seen."""
 
 _UNUSED = "MF"
-"""Orientation of pictures that nobody looks at here, so that the file need not state it."""
+"""Orientation of pictures that are not used here, so that the file need not state it."""
 _SEQUENCE = "Give a PLUS sequence whose frames have ProbeToReference, or ProbeToTracker"
 _HEADING = ["t_s", "tool", "q0", "qx", "qy", "qz", "x_mm", "y_mm", "z_mm"]
 _REFERENCE_POSE_MM = (150.0, -40.0, -1700.0)
-"""Beside the probe and some 0.2 m behind it, where a reference is clamped to the table; tracker frame."""
+"""Millimetres, tracker frame: beside the probe and some 0.2 m behind it, where a reference is clamped to the table."""
 
 WITNESS_MM = (80.0, 10.0, -15.0)
 """Place of a second body on the probe, in the axes of the first: as far as two bodies of usual size must be apart."""
 _OTHER_NOISE = 1 << 40
-"""Added to the number of a measurement: the seed of another noise, which no measurement of the probe has."""
+"""Offset of the number of a measurement: the seed of another noise, which no measurement of the probe has."""
 
 
 def on_probe(tool: str) -> bool:
-    """Whether it is a second body on the probe: every tool but the first two by name."""
+    """Returns whether the tool is a second body on the probe: every tool but the first two by name is one."""
     return tool not in (PROBE, REFERENCE)
 
 
 class Track:
-    """The way of one tool. times_s: rising. poses: (4, 4) each, None where the tool is not seen from then on."""
+    """Holds the path of one tool. times_s: rising. poses: (4, 4) each, None where the tool is not seen from then on."""
 
     def __init__(self, times_s: list[float], poses: list[Matrix4 | None]) -> None:
         self._times_s, self._poses = times_s, poses
 
     def at(self, t_s: float) -> Matrix4 | None:
-        """Pose at t_s, interpolated along the straight line and the shortest turn."""
+        """Returns the pose at t_s, interpolated along the straight line and the shortest turn."""
         after = bisect_right(self._times_s, t_s)
         first, second = self._poses[max(after - 1, 0)], self._poses[min(after, len(self._poses) - 1)]
         if first is None or second is None or first is second:
@@ -69,8 +69,8 @@ class Track:
 
 
 def world_motion(world: World | PlaceOfWork) -> PoseAt:
-    """Poses of the shared world: its probe, a reference lying still beside it, and further tools, each a second body on
-    the probe with a noise of its own.
+    """Returns the poses of the shared world: its probe, a reference lying still beside it, and further tools, each a
+    second body on the probe with a noise of its own.
     """
     still, relative_pose = np.eye(4), np.eye(4)
     still[:3, 3], relative_pose[:3, 3] = _REFERENCE_POSE_MM, WITNESS_MM
@@ -86,7 +86,7 @@ def world_motion(world: World | PlaceOfWork) -> PoseAt:
 
 
 def pose_file(path: Path) -> PoseAt:
-    """Raises RecordingError naming the row that is not a pose."""
+    """Returns the poses of a pose file. Raises RecordingError naming the row that is not a pose."""
     rows: defaultdict[str, list[tuple[float, Matrix4 | None]]] = defaultdict(list)
     try:
         with reading(path) as stream:
@@ -106,7 +106,7 @@ def pose_file(path: Path) -> PoseAt:
 
 
 def recorded_motion(path: Path, probe: str | None = None, reference: str | None = None) -> PoseAt:
-    """Poses of a PLUS sequence; world time 0 is its first pose. Raises RecordingError; see
+    """Returns the poses of a PLUS sequence; world time 0 is its first pose. Raises RecordingError; see
     drivers.recordings.replay.
     """
     try:

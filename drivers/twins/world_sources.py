@@ -1,4 +1,4 @@
-"""The simulated world as a source of pictures and a source of poses, without a protocol between."""
+"""Provides the simulated world as a source of pictures and a source of poses, without a protocol between."""
 
 import math
 from abc import ABC, abstractmethod
@@ -12,16 +12,16 @@ from probewatch.drivers.twins.scene.world import World
 from probewatch.drivers.twins.tool_motion import PROBE, WITNESS, world_motion
 
 _POSE_HZ = 60.0
-"""As a Polaris Spectra."""
+"""Poses a second, as a Polaris Spectra measures them."""
 
 _LONGEST_COST_S = 0.2
-"""Cost of one sample, seconds of the clock: as in drivers.twins.scanner."""
+"""Seconds of the clock: cost of one sample at most, as in drivers.twins.scanner."""
 
 _S = TypeVar("_S", Frame, Pose)
 
 
 class _Paced(Closable, Generic[_S], ABC):
-    """Numbers by time, so that one that was too late is a gap. Each sample is made ahead and handed out on time."""
+    """Numbers samples by time, so that one that was too late is a gap. Each is made ahead and handed out on time."""
 
     def __init__(self, world: World, clock: HostClock, rate_hz: float) -> None:
         self._world, self._clock, self._rate_hz = world, clock, rate_hz
@@ -34,10 +34,10 @@ class _Paced(Closable, Generic[_S], ABC):
 
     @abstractmethod
     def _make(self, number: int, t_s: float, stamp: Stamp) -> _S:
-        """The sample of t_s, seconds of the world."""
+        """Returns the sample of t_s, seconds of the world."""
 
     def read(self, timeout_s: float) -> _S | None:
-        """The next one once its time has come, None when that is later than timeout_s of the clock."""
+        """Returns the next sample once its time has come, None when that is later than timeout_s of the clock."""
         end_ns = self._clock.now_ns() + round(timeout_s * 1e9)
         made = self._made = self._made or self._ahead()
         self._clock.sleep_until(min(made.stamp.t_ns, end_ns))
@@ -58,7 +58,7 @@ class _Paced(Closable, Generic[_S], ABC):
 
 
 class WorldVideo(_Paced[Frame]):
-    """See drivers.device_api.VideoSource."""
+    """Provides pictures of the world; see drivers.device_api.VideoSource."""
 
     def __init__(self, world: World, clock: HostClock) -> None:
         super().__init__(world, clock, world.settings.fps)
@@ -68,7 +68,7 @@ class WorldVideo(_Paced[Frame]):
 
 
 class WorldTracker(_Paced[Pose]):
-    """See drivers.device_api.TrackerSource; with a second body on the probe."""
+    """Provides poses of the world, with a second body on the probe; see drivers.device_api.TrackerSource."""
 
     def __init__(self, world: World, clock: HostClock) -> None:
         super().__init__(world, clock, _POSE_HZ)

@@ -1,1 +1,1 @@
-"""What `probewatch demo` is made of: script, director, load, outcome, report and picture."""
+"""Implements `probewatch demo`: script, director, load, outcome, report and picture."""

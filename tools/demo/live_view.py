@@ -1,4 +1,4 @@
-"""The demo on a terminal: one picture of the cart, redrawn in place."""
+"""Shows the demo on a terminal: one picture of the cart, redrawn in place."""
 
 from collections import deque
 from typing import Self
@@ -13,9 +13,10 @@ from probewatch.tools.demo.director import Director
 from probewatch.tools.shared.status_view import Status, StatusView
 
 _REDRAWS_PER_S = 8
-"""Enough to be seen as motion; each redraw takes time from the simulated cart on the same machine."""
+"""Redraws a second: enough to be seen as motion; each takes time from the simulated cart on the same machine."""
 _FIXED_LINES = 22
-"""Of the headline and the status; the events get what is left of the terminal. Fewer let the picture outgrow it."""
+"""Lines of the headline and the status; the events get what is left of the terminal. Fewer let the picture outgrow
+it."""
 
 
 class LiveView:
@@ -36,12 +37,12 @@ class LiveView:
         self._live.stop()
 
     def event(self, t_s: float, text: str, state: State | None = None) -> None:
-        """state: the one that was entered, if any; it gives the line its colour."""
+        """Adds an event. state: the one that was entered, if any; it gives the line its colour."""
         colour = "" if state is None else SIGNALS[state].lamp.value
         self._events.append(Text(f"{t_s:7.2f} s  {text}", style=colour, no_wrap=True, overflow="ellipsis"))
 
     def show(self, t_s: float, status: Status) -> None:
-        """The status as the service gave it at t_s."""
+        """Shows the status as the service gave it at t_s."""
         self.picture = Group(_headline(t_s, self._director), self._status.picture(status), *self._events)
         self._live.update(self.picture)
 

@@ -1,4 +1,4 @@
-"""When the machine was too busy for a cart in real time, as the demo sees it."""
+"""Records when the machine was too busy for a cart in real time, as the demo sees it."""
 
 import time
 
@@ -7,14 +7,17 @@ from probewatch.drivers.clock.host_clock import HostClock
 from probewatch.drivers.closable import Closable
 
 _WINDOW_NS = 1_000_000_000
-"""Length of a window: long enough to hold 20 ticks, short enough to fall within one fault of the demo."""
+"""Nanoseconds of a window: long enough to hold 20 ticks, short enough to fall within one fault of the demo."""
 _SHORT = 0.9
-"""Pressure of a window, the share of its time in which some program waited. Measured on two cores: 0.15 … 0.5 for the
-cart alone; 0.85 … 1.0 beside four to eight busy programs, of which the scanner's pictures begin to suffer at 16."""
+"""Pressure of a window, the share of its time in which some program waited. Measured on two cores: 0.15 … 0.5 for
+the cart alone; 0.85 … 1.0 beside four to eight busy programs. The scanner's pictures begin to suffer at 16 such
+programs."""
 
 
 class DemoLoad(Closable):
-    """Look often. spans_ns: windows of CLOCK_MONOTONIC in which the machine was too busy, joined."""
+    """Tracks the load; look() must be called often. spans_ns: windows of CLOCK_MONOTONIC in which the machine was too
+    busy, joined.
+    """
 
     def __init__(self) -> None:
         self._pressure = Pressure()
@@ -28,7 +31,9 @@ class DemoLoad(Closable):
         self._pressure.close()
 
     def look(self, overloaded: bool = False) -> None:
-        """overloaded: the service says so of itself, which counts also where the kernel reports no pressure."""
+        """Takes a look at the load. overloaded: the service reports that it is, which counts also where the kernel
+        reports no pressure.
+        """
         self._overloaded |= overloaded
         now_ns = time.monotonic_ns()
         if now_ns - self._at_ns < _WINDOW_NS:
@@ -38,7 +43,7 @@ class DemoLoad(Closable):
         self._at_ns, self._overloaded = now_ns, False
 
     def spans_s(self, clock: HostClock) -> tuple[tuple[float, float], ...]:
-        """The same in seconds of the cart."""
+        """Returns spans_ns in seconds of the cart."""
         seconds = [[(clock.at(t_ns) - clock.origin_ns) / 1e9 for t_ns in span] for span in self.spans_ns]
         return tuple((max(0.0, from_s), to_s) for from_s, to_s in seconds)
 

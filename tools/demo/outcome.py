@@ -1,7 +1,7 @@
-"""What the service made of the demo's faults: found, named, halted, recovered, or not. Pure: time is an argument.
+"""Judges what the service made of the demo's faults: found, named, halted, recovered, or not. It is pure.
 
 Times are seconds of the simulated cart. What alarms from the start of one fault to the start of the next belongs to it,
-so that a recovery which comes too late is told as such and not taken for the next fault.
+so that a recovery which comes too late is reported as such and not taken for the next fault.
 """
 
 from collections.abc import Mapping
@@ -11,17 +11,17 @@ from probewatch.appliance.types import State
 from probewatch.tools.demo.script import LONGEST_RECOVERY_S, Injection, Script
 
 _EVIDENCE_S = 10.0
-"""What is reported of a moment rests on the motion of so many seconds before it."""
+"""Seconds of motion before a moment on which what is reported of it rests."""
 _BUSY_S = 2.0
-"""How long the machine must have been too busy in that time to explain anything. A choice, not measured: longer, and a
-short overload is reported as a failure; shorter, and another program's start excuses a failure."""
+"""Seconds for which the machine must have been too busy in that time to explain anything. A choice, not measured:
+longer, and a short overload is reported as a failure; shorter, and another program's start excuses a failure."""
 
 ALARMS = (State.WARNING, State.HALT, State.RECALIBRATION_REQUESTED, State.DEVICE_LOST)
 
 
 @dataclass(frozen=True, slots=True)
 class Moment:
-    """The service entered a state, or named another fault in it. fault: class, None where none."""
+    """Represents that the service entered a state, or named another fault in it. fault: class, None where none."""
 
     t_s: float
     state: State
@@ -31,7 +31,7 @@ class Moment:
 
 @dataclass(frozen=True, slots=True)
 class Switch:
-    """The relay board moved its contact; energised means closed, safe."""
+    """Represents that the relay board moved its contact; energised means closed, safe."""
 
     t_s: float
     energised: bool
@@ -39,8 +39,8 @@ class Switch:
 
 @dataclass(frozen=True, slots=True)
 class Prompt:
-    """What the status said of a calibration that is not verified. asked: number of parameters that must be shown.
-    missing: those that no motion has shown. gesture: which motion shows them.
+    """Holds what the status showed of a calibration that is not verified. asked: number of parameters that must be
+    shown. missing: those that no motion has shown. gesture: motions that show them.
     """
 
     t_s: float
@@ -50,7 +50,7 @@ class Prompt:
 
     @property
     def text(self) -> str:
-        """Text for the operator."""
+        """Returns the text for the operator."""
         if not self.missing:
             return f"shown: all {self.asked}"
         shown = f"shown: {self.asked - len(self.missing)} of {self.asked}"
@@ -59,9 +59,9 @@ class Prompt:
 
 @dataclass(frozen=True, slots=True)
 class History:
-    """Everything seen during a run, in time order. end_s: when it ended. busy_s: from when until when the machine was
+    """Holds everything seen during a run, in time order. end_s: when it ended. busy_s: spans in which the machine was
     too busy for a cart in real time. prompts: each that differed from the one before. point_mm: least bound (99.7 %) of
-    the error of a point while the calibration was verified, None where none was told.
+    the error of a point while the calibration was verified, None where none was reported.
     """
 
     moments: tuple[Moment, ...]
@@ -73,16 +73,16 @@ class History:
     point_mm: float | None = None
 
     def busy(self, from_s: float, until_s: float) -> bool:
-        """Whether the machine was too busy then for anything to be concluded of it."""
+        """Returns whether the machine was too busy then for anything to be concluded from it."""
         spans = ((max(one, from_s - _EVIDENCE_S), min(other, until_s)) for one, other in self.busy_s)
         return sum(max(0.0, other - one) for one, other in spans) >= _BUSY_S
 
     def at(self, t_s: float) -> Moment | None:
-        """The moment in force at t_s, None before the first."""
+        """Returns the moment in force at t_s, None before the first."""
         return next((one for one in reversed(self.moments) if one.t_s <= t_s), None)
 
     def closed(self, t_s: float) -> bool:
-        """Whether the contact was closed at t_s."""
+        """Returns whether the contact was closed at t_s."""
         return next((one.energised for one in reversed(self.switches) if one.t_s <= t_s), False)
 
     def between(self, from_s: float, until_s: float) -> tuple[Moment, ...]:
@@ -91,7 +91,7 @@ class History:
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """What became of one injection. named: class that the first alarm named.
+    """Holds what became of one injection. named: class that the first alarm named.
 
     reached: alarm state → s from the injection to its first entry; contact_open_after_s, acknowledged_after_s likewise.
     verified_after_s: s from the end of the fault. None, or no key, where it did not happen. problem: empty where none.
@@ -108,10 +108,10 @@ class Finding:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """The judgement. verified_s: when the calibration was first verified. unexpected: alarms without their fault.
+    """Holds the judgement. verified_s: when the calibration was first verified. unexpected: alarms without their fault.
 
-    sentence: why the run failed, empty where it passed. too_busy: the machine was too busy then, so it says nothing.
-    point_mm: as in History.
+    sentence: why the run failed, empty where it passed. too_busy: whether the machine was too busy then, so that the
+    run shows nothing. point_mm: as in History.
     """
 
     findings: tuple[Finding, ...]
@@ -127,7 +127,7 @@ class Outcome:
 
 
 def judge(script: Script, history: History) -> Outcome:
-    """Compare what was injected with what was found."""
+    """Compares what was injected with what was found."""
     findings = tuple(_find(one, script.until_s(one), history) for one in script.injections)
     unexpected = _unexpected(script, findings, history)
     verified_s = next((one.t_s for one in history.moments if one.state is State.MONITORING), None)
@@ -155,7 +155,7 @@ def _find(injection: Injection, until_s: float, history: History) -> Finding:
 
 
 def _problem(finding: Finding, history: History) -> str:
-    """The first thing that went wrong, as the end of a sentence that begins with the fault."""
+    """Returns the first thing that went wrong, as the end of a sentence that begins with the fault."""
     injection = finding.injection
     before = history.at(injection.from_s)
     if before is None or before.state is not State.MONITORING or not history.closed(injection.from_s):
@@ -182,7 +182,7 @@ def _wrong_states(finding: Finding) -> str:
 
 
 def _unexpected(script: Script, findings: tuple[Finding, ...], history: History) -> tuple[Moment, ...]:
-    """Alarms outside every fault's time, or under another name than its class."""
+    """Returns alarms outside every fault's time, or under another name than its class."""
     return tuple(
         one for one in history.moments if one.state in ALARMS and not any(_explains(f, one, script) for f in findings)
     )
@@ -197,7 +197,7 @@ def _explains(finding: Finding, moment: Moment, script: Script) -> bool:
 
 @dataclass(frozen=True, slots=True, order=True)
 class _Cause:
-    """What went wrong from from_s until until_s, as a sentence."""
+    """Represents what went wrong from from_s until until_s, as a sentence."""
 
     from_s: float
     sentence: str
@@ -207,7 +207,7 @@ class _Cause:
 def _cause(
     script: Script, findings: tuple[Finding, ...], unexpected: tuple[Moment, ...], verified_s: float | None
 ) -> _Cause | None:
-    """The earliest; None when the run passed."""
+    """Returns the earliest cause; None when the run passed."""
     if verified_s is None:
         return _Cause(0.0, "The calibration was never verified.", script.end_s)
     causes = [_fault_cause(one.injection, one.problem, script) for one in findings if one.problem]

@@ -1,4 +1,4 @@
-"""The demo's result: a table for people and JSON for machines (docs/demo-report.md)."""
+"""Reports the demo's result: a table for people and JSON for machines (docs/demo-report.md)."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ _SHOWN = (State.WARNING, State.HALT, State.RECALIBRATION_REQUESTED, State.DEVICE
 
 @dataclass(frozen=True, slots=True)
 class Circumstances:
-    """What the run was made with. counters: of the service, at the end."""
+    """Holds how the run was made. counters: those of the service, at the end."""
 
     seed: int
     speed: float
@@ -25,7 +25,7 @@ class Circumstances:
 
 
 def print_report(console: Console, outcome: Outcome) -> None:
-    """Timeline, alarms that had no fault, and the judgement in one sentence."""
+    """Prints the timeline, alarms that had no fault, and the judgement in one sentence."""
     if outcome.findings:
         console.print(_timeline(outcome.findings), crop=False)
         console.print("Seconds after the fault began; verified: seconds after it ended.\n")
@@ -68,7 +68,7 @@ def _shown(number: float | None) -> str:
 
 
 def report_fields(outcome: Outcome, history: History, circumstances: Circumstances) -> dict[str, object]:
-    """The JSON report; its keys are a contract."""
+    """Returns the JSON report; its keys are a contract."""
     return {
         "version": VERSION,
         "passed": outcome.passed,

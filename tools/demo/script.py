@@ -1,4 +1,4 @@
-"""Which faults the demo shows, and what each of them has to lead to. Times are seconds of the simulated cart."""
+"""Defines which faults the demo shows, and what each must lead to. Times are seconds of the simulated cart."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from probewatch.appliance.types import Fault, State
 from probewatch.drivers.errors import ConfigurationError
 
 HEALTHY_S = 24.0
-"""The first fault of the default script comes no sooner: about four seconds to start, the gesture that verifies, and
+"""Seconds before the first fault of the default script: about four seconds to start, the gesture that verifies, and
 healthy motion."""
 
 DEFAULT = (
@@ -37,29 +37,29 @@ FAULT_CLASS: Mapping[str, Fault] = {
 """Fault of a simulated device → class under which a check must report it."""
 
 LONGEST_ON_S = dict.fromkeys(FAULT_CLASS, 8.0) | {"latency": 16.0}
-"""Fault → how long the service may take to its last state: 3 s of escalation, 3 s in which the hand may rest, and to
-see it; a late tracker shows only where the hand turns back."""
+"""Fault → seconds that the service may take to its last state: 3 s of escalation, 3 s in which the hand may rest, and
+time to see it; a late tracker shows only where the hand turns back."""
 LONGEST_RECOVERY_S = 30.0
-"""How long it may take to verify again: the hand comes to the gesture within 7 s, or 10 where it rests before, and new
+"""Seconds that verifying again may take: the hand comes to the gesture within 7 s, or 10 where it rests before, and new
 evidence needs up to 10 s of motion."""
 
 
 @dataclass(frozen=True, slots=True)
 class Planned:
-    """A fault that is to be shown, not before from_s."""
+    """Represents a fault that is to be shown, not before from_s."""
 
     fault: str
     from_s: float
 
     @property
     def longest_s(self) -> float:
-        """How long it and its recovery may take."""
+        """Returns how long it and its recovery may take."""
         return LONGEST_ON_S[self.fault] + LONGEST_RECOVERY_S
 
 
 @dataclass(frozen=True, slots=True)
 class Injection:
-    """A fault that was shown from from_s to to_s."""
+    """Represents a fault that was shown from from_s to to_s."""
 
     fault: str
     from_s: float
@@ -67,33 +67,35 @@ class Injection:
 
     @property
     def fault_class(self) -> Fault:
-        """Name under which the alarm must report it."""
+        """Returns the name under which the alarm must report it."""
         return FAULT_CLASS[self.fault]
 
     @property
     def states(self) -> tuple[State, ...]:
-        """States it has to lead to, in order. Not those that only some of its checks lead to: the simulated slide is in
-        the picture's plane; 3 mm of it are across, within the limit.
+        """Returns the states to which it must lead, in order, without those to which only some of its checks lead: the
+        simulated slide is in the picture's plane; 3 mm of it are across, within the limit.
         """
         return tuple(step.state for step in FAULT_ROWS[self.fault_class].policy.steps if not step.by)
 
 
 @dataclass(frozen=True, slots=True)
 class Script:
-    """What was shown, in time order, until the run ended at end_s. left_out: planned, but never had their turn."""
+    """Holds what was shown, in time order, until the run ended at end_s. left_out: faults that were planned, but never
+    shown.
+    """
 
     injections: tuple[Injection, ...]
     end_s: float
     left_out: tuple[str, ...] = ()
 
     def until_s(self, injection: Injection) -> float:
-        """When the time of this fault is up: the next one begins, or the run ends."""
+        """Returns when the time of this fault is over: the next one begins, or the run ends."""
         later = [one.from_s for one in self.injections if one.from_s > injection.from_s]
         return min(later, default=self.end_s)
 
 
 def default_plan(duration_s: float | None = None) -> tuple[Planned, ...]:
-    """The faults of DEFAULT one after the other, as many as are surely over by duration_s."""
+    """Returns the faults of DEFAULT one after the other, as many as are certainly over by duration_s."""
     plan = [Planned(fault, HEALTHY_S) for fault in DEFAULT]
     if duration_s is None:
         return tuple(plan)
@@ -103,7 +105,9 @@ def default_plan(duration_s: float | None = None) -> tuple[Planned, ...]:
 
 
 def chosen_plan(faults: Iterable[tuple[str, float]], duration_s: float | None = None) -> tuple[Planned, ...]:
-    """(fault, from_s) in time order. Raises ConfigurationError where duration_s may be too short for them."""
+    """Returns a plan of (fault, from_s) in time order. Raises ConfigurationError where duration_s may be too short for
+    them.
+    """
     plan = tuple(sorted((Planned(*fault) for fault in faults), key=lambda one: one.from_s))
     over_s = 0.0
     for one in plan:

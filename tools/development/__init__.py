@@ -1,1 +1,1 @@
-"""What builds the project and its pages; no wheel carries it."""
+"""Builds the project and its pages; no wheel carries it."""

@@ -1,4 +1,4 @@
-"""Build hook of hatchling: compiles `appliance/core/registration/*.c` with the C compiler of Zig's wheel from PyPI.
+"""Compiles `appliance/core/registration/*.c` as hatchling's build hook, with the C compiler of Zig's wheel from PyPI.
 
 So a machine needs no compiler of its own, and one machine builds for another: PROBEWATCH_MACHINE names it (x86_64,
 aarch64), where it is not this one.
@@ -20,8 +20,8 @@ BUILDS = {
     "x86_64": {"_compiled.so": "x86_64_v2", "_compiled_avx2.so": "x86_64_v2+avx2"},
     "aarch64": {"_compiled.so": "generic"},
 }
-"""Machine → library → the least processor it runs on. x86-64-v2 is what NumPy itself asks for; AVX2 takes two thirds
-of the time."""
+"""Machine → library → the least processor on which it runs. x86-64-v2 is what NumPy itself requires; AVX2 takes two
+thirds of the time."""
 GLIBC = "2.28"
 FLAGS = [
     "-std=c11", "-O3", "-fassociative-math", "-fno-signed-zeros", "-fno-trapping-math", "-fno-math-errno",
@@ -32,7 +32,9 @@ FLAGS = [
 
 class CompileCore(BuildHookInterface):  # type: ignore[misc]
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
-        """A wheel carries libraries and package; an editable installation finds both beside their source."""
+        """Compiles the libraries. A wheel carries libraries and package; an editable installation finds both beside
+        their source.
+        """
         machine = os.environ.get("PROBEWATCH_MACHINE", platform.machine())
         if machine not in BUILDS:
             sys.exit(
@@ -51,7 +53,7 @@ class CompileCore(BuildHookInterface):  # type: ignore[misc]
 
 
 def compiled(sources: list[Path], library: Path, target: str, processor: str) -> None:
-    """Raises CalledProcessError where the compiler fails."""
+    """Compiles the sources to a library. Raises CalledProcessError where the compiler fails."""
     library.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as cache:
         places = {"ZIG_GLOBAL_CACHE_DIR": cache, "ZIG_LOCAL_CACHE_DIR": cache}

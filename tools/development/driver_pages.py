@@ -1,6 +1,7 @@
-"""What is made of the drivers' descriptors: the tables of docs/trackers.md, docs/devices.md and docs/connect.md, each
-between two marks, and the unit's DeviceAllow, a drop-in of systemd. `python -m probewatch.tools.development.manual`
-writes them.
+"""Generates what is made of the drivers' descriptors: the tables of docs/trackers.md, docs/devices.md and
+docs/connect.md, each between two marks, and the unit's DeviceAllow, a drop-in of systemd.
+
+`python -m probewatch.tools.development.manual` writes them.
 """
 
 from collections.abc import Callable, Iterator
@@ -23,7 +24,7 @@ def _made(name: str) -> str:
 
 
 def _of(kind: str) -> Iterator[tuple[str, Driver]]:
-    """(URL, driver) in the order of the registry."""
+    """Yields (URL, driver) in the order of the registry."""
     return ((driver.examples[kind], driver) for driver in drivers().values() if kind in driver.kinds)
 
 
@@ -57,7 +58,7 @@ def _see(driver: Driver) -> str:
 
 
 def _cell(text: str) -> str:
-    """Code in a cell of a table, where a bar would end it."""
+    """Returns code for a cell of a table, where a bar would end it."""
     return f"`{text}`".replace("|", "\\|")
 
 
@@ -84,7 +85,7 @@ def _values(option: Option) -> str:
 
 
 def drop_in() -> str:
-    """Classes of device nodes that the unit must permit, in the order of the drivers."""
+    """Returns the drop-in with the classes of device nodes that the unit must permit, in the order of the drivers."""
     targets = dict.fromkeys(target for driver in drivers().values() for target in driver.targets)
     allowed = dict.fromkeys(name for target in targets for name in target.allow)
     lines = (f"DeviceAllow={name} rw" for name in allowed)
@@ -95,5 +96,5 @@ BLOCKS = PageBlocks("drivers", _made)
 
 
 def written() -> dict[Path, str]:
-    """Path and content of every file that is made, in part or whole."""
+    """Returns path and content of every file that is generated, in part or whole."""
     return {**{file: BLOCKS.page(file.read_text(encoding="utf-8")) for file in PAGES}, DROP_IN: drop_in()}

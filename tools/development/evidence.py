@@ -1,5 +1,7 @@
-"""`python -m probewatch.tools.development.evidence PLAN`: does the runs of a plan that are not done yet, and writes
-docs/evidence.json and the pages from it. `--table FILE` writes them from the rows of a study that is there.
+"""Runs what is left of a plan, and writes docs/evidence.json and the pages from it.
+
+`python -m probewatch.tools.development.evidence PLAN` starts it; `--table FILE` writes them from the rows of a study
+that exists.
 """
 
 import json
@@ -24,16 +26,15 @@ from probewatch.tools.study.workers import results
 
 RESULTS = Path("results/evidence")
 _NOISES_MM = (0.1,)
-"""An optical tracker at 1.5 m."""
+"""Millimetres: noise of an optical tracker at 1.5 m."""
 _SHORT_S = 30.0
-"""Of a session with a hazard in the short form: the hazard begins at 20 s, so delays above 10 s count as not found.
-One that creeps in is as long at its full size."""
+"""Seconds of a session with a hazard in the short form: the hazard begins at 20 s, so delays above 10 s count as not
+found. A session with a creeping hazard is longer, so that the hazard lasts as long at its full size."""
 _FULL_SEEDS, _FULL_DRAWS = 20, 180
-"""20 seeds for each cell of the table; 3,600 times the 17 minutes of all healthy sessions are 1,020 hours. About 200
-hours of one processor, by .18 s of it for a second of a session.
-"""
+"""20 seeds for each cell of the table; 3,600 times the 17 minutes of all healthy sessions are 1,020 hours. They take
+about 200 hours of one processor, at .18 s for a second of a session."""
 _FULL_SESSIONS = ("gesture", "in-plane", "elevational-10", "fan", "mixed")
-"""One of each kind of motion; all nine would take twice as long. What the others would add was not measured."""
+"""One session of each kind of motion; all nine would take twice as long. What the others would add was not measured."""
 _SHORT_SIZES = (
     *("bend-lateral=-6", "bend-axial=-6", "bend-elevational=-6"),
     *("slide-lateral=-8", "slide-axial=-8", "slide-elevational=-8"),
@@ -55,7 +56,7 @@ _DRAWS = 5
 _AFTER_S = 8.0
 """Of a session after something has crept in: as long as it took."""
 _WORLD_S = 20.0
-"""Of a session in one of them: the slowest are verified after 16 s."""
+"""Seconds of a session in one of them: the slowest are verified after 16 s."""
 
 
 def points_plan(seeds: int) -> list[Conditions]:
@@ -70,7 +71,7 @@ def points_plan(seeds: int) -> list[Conditions]:
 
 
 def short_hazards() -> tuple[Hazard, ...]:
-    """Each size in every manner that it can have, metal, another probe, and the wrong conventions."""
+    """Returns each size in every manner that it can have, metal, another probe, and the wrong conventions."""
     each = [
         f"{size}@{manner}" for size in _SHORT_SIZES for manner in Manner if "=" in size or manner is not Manner.CREEPING
     ]
@@ -80,19 +81,21 @@ def short_hazards() -> tuple[Hazard, ...]:
 
 
 def coverage_plan(seeds: int) -> list[Conditions]:
-    """Every session of ordinary scanning, the offsets not asked for, and after a gesture everything."""
+    """Returns every session of ordinary scanning, without the offsets being asked for, and after a gesture with
+    everything.
+    """
     begun = tuple(name for name in GESTURED if name != "gesture")
     alone = planned(tuple(PROGRAMS), TISSUES, seeds, _NOISES_MM, [Hazard()], asked=WITHOUT_OFFSETS)
     return alone + planned(begun, TISSUES, seeds, _NOISES_MM, [Hazard()])
 
 
 def worlds_plan(seeds: int) -> list[Conditions]:
-    """A healthy cart in every kind of world: a gesture, then a hold."""
+    """Returns a healthy cart in every kind of world: a gesture, then a hold."""
     return planned(("gesture-hold",), WORLDS, seeds, _NOISES_MM, [Hazard()], _WORLD_S)
 
 
 def short_plan(seeds: int) -> list[Conditions]:
-    """Large hazards with a motion that shows everything; one seed of healthy scanning."""
+    """Returns large hazards with a motion that shows everything, and one seed of healthy scanning."""
     healthy = planned(tuple(PROGRAMS), TISSUES, 1, _NOISES_MM, [Hazard()], asked=WITHOUT_OFFSETS)
     creeping = [one for one in short_hazards() if one.manner is Manner.CREEPING]
     others = [one for one in short_hazards() if one.manner is not Manner.CREEPING]
@@ -104,7 +107,7 @@ def short_plan(seeds: int) -> list[Conditions]:
 
 
 def full_plan(seeds: int) -> list[Conditions]:
-    """Each standard hazard with motions of every kind; a thousand hours of healthy scanning."""
+    """Returns each standard hazard with motions of every kind, and a thousand hours of healthy scanning."""
     sick = [one for one in STANDARD if one.kind != "none"]
     healthy = planned(tuple(PROGRAMS), TISSUES, seeds, _NOISES_MM, [Hazard()], asked=WITHOUT_OFFSETS, draws=_FULL_DRAWS)
     return planned(_FULL_SESSIONS, TISSUES, seeds, _NOISES_MM, sick, 60.0, asked=WITHOUT_OFFSETS) + healthy
@@ -146,7 +149,9 @@ def main(
 
 
 def measured(runs: Sequence[Conditions], jobs: int, scheduler: str | None, motions: Path | None) -> list[Row]:
-    """Rows of these runs and of all others that are done already. Raises ConfigurationError and DeviceLost."""
+    """Returns the rows of these runs and of all others that are done already. Raises ConfigurationError and
+    DeviceLost.
+    """
     folder = RESULTS / code_digest()
     folder.mkdir(parents=True, exist_ok=True)
     study = StudyTable(folder / "study.csv", KEYS)
@@ -160,7 +165,7 @@ def measured(runs: Sequence[Conditions], jobs: int, scheduler: str | None, motio
 
 
 def write(rows: Sequence[Row]) -> None:
-    """Figures that these rows do not speak of stay as they were measured."""
+    """Writes the figures of these rows and the pages; figures that the rows do not cover stay as they were measured."""
     before = read_figures() if DATA.exists() else Figures([], [])
     now = before.updated(figures(rows))
     DATA.write_text(json.dumps(now.plain(), indent=1, ensure_ascii=False) + "\n", encoding="utf-8")

@@ -1,6 +1,6 @@
-"""What the rows of a study come to: the figures that docs/evidence.json keeps and the pages show. Pure.
+"""Computes from the rows of a study the figures that docs/evidence.json keeps and the pages show. It is pure.
 
-Each figure says with which sessions, seeds and commits it was measured, so that its command can be written down.
+Each figure states with which sessions, seeds and commits it was measured, so that its command can be written down.
 """
 
 from collections import Counter
@@ -22,14 +22,14 @@ from probewatch.tools.study.session import FPS, Session
 from probewatch.tools.study.summary import Row, Share, number, rightly_named, truth_of
 
 SOON_S = 10.0
-"""Within which nearly every fault ought to be named, where the motion shows it."""
+"""Seconds within which nearly every fault ought to be named, where the motion shows it."""
 _BOUNDED = (Manner.START, Manner.UNSEEN)
 """Manners that motion alone shows: what changes in sight is seen by its leap, to which no such bound applies."""
 
 
 @dataclass(frozen=True)
 class Origin:
-    """Conditions that figures of one line share; seeds: "1" or "1–20"."""
+    """Holds the conditions that figures of one line share. seeds: "1" or "1–20"."""
 
     session: str
     tissue: str
@@ -42,13 +42,15 @@ class Origin:
 
     @property
     def conditions(self) -> tuple[str, ...]:
-        """What was asked for, in the order of the pages."""
+        """Returns what was asked for, in the order of the pages."""
         return self.session, self.tissue, self.noise_mm, self.asked, self.duration_s
 
 
 @dataclass(frozen=True)
 class Score:
-    """Score of (value − truth) ÷ sigma at the looks of all runs: root of the mean square, and largest size."""
+    """Holds the score of (value − truth) ÷ sigma at the looks of all runs: root of the mean square, and largest
+    size.
+    """
 
     rms: float
     worst: float
@@ -56,9 +58,11 @@ class Score:
 
 @dataclass(frozen=True)
 class Healthy:
-    """closed: share of each run with the contact closed, in order; first_s: until it closed first, of those that did.
-    faulted, warnings, halts: runs with a FAULT, and how often the states began. nats: of each run that kept it, as of
-    `Outcome`, in order. scores: name of a check → `Score`; without those that were never measured.
+    """Holds the figures of healthy runs.
+
+    closed: share of each run with the contact closed, in order. first_s: time until it closed first, of those that did.
+    faulted, warnings, halts: runs with a FAULT, and how often the states began. nats: those of each run that kept them,
+    as in `Outcome`, in order. scores: name of a check → `Score`; without those that were never measured.
     """
 
     origin: Origin
@@ -75,10 +79,11 @@ class Healthy:
 
 @dataclass(frozen=True)
 class Found:
-    """Runs with one hazard. named: runs that named it first as what it is; told: name that came first → runs; nothing
-    is "". fault_s: delays of the FAULT, in order; open_s: until the contact was open for good, in order. soon: FAULTs
-    within SOON_S. gross: runs with an OK at twice the limit. bound_s: median least delay; None where none is known.
-    nats: as of Healthy.
+    """Holds the figures of runs with one hazard.
+
+    named: runs that named it first as what it is. told: name that came first → runs; no name is "". fault_s: delays of
+    the FAULT, in order. open_s: until the contact was open permanently, in order. soon: FAULTs within SOON_S. gross:
+    runs with an OK at twice the limit. bound_s: median least delay; None where none is known. nats: as in Healthy.
     """
 
     origin: Origin
@@ -95,17 +100,17 @@ class Found:
 
     @property
     def kind(self) -> str:
-        """The kind of hazard, without its size and manner."""
+        """Returns the kind of hazard, without its size and manner."""
         return Hazard.parse(self.hazard).kind
 
     @property
     def share(self) -> Share:
-        """Runs with a FAULT."""
+        """Returns the share of runs with a FAULT."""
         return Share(len(self.fault_s), self.runs)
 
     @property
     def delay(self) -> str:
-        """Median of the runs with a FAULT, and their range."""
+        """Returns the median of the runs with a FAULT, and their range."""
         if not self.fault_s:
             return "–"
         return f"{median(self.fault_s):.2f} s ({self.fault_s[0]:.2f} to {self.fault_s[-1]:.2f})"
@@ -113,19 +118,19 @@ class Found:
 
 @dataclass(frozen=True)
 class Figures:
-    """Everything that was measured."""
+    """Holds everything that was measured."""
 
     healthy: list[Healthy]
     found: list[Found]
     points: list[PointBounds] = field(default_factory=list)
 
     def plain(self) -> dict[str, object]:
-        """The value as JSON takes it."""
+        """Returns the value as JSON takes it."""
         return asdict(self)
 
     def updated(self, now: "Figures") -> "Figures":
-        """The figures with what was measured now in the place of the same conditions before; all else stays, with its
-        commit.
+        """Returns the figures with what was measured now in the place of the same conditions before; all else stays,
+        with its commit.
         """
         healthy = {one.origin.conditions: one for one in (*self.healthy, *now.healthy)}
         found = {(*one.origin.conditions, one.hazard): one for one in (*self.found, *now.found)}
@@ -138,7 +143,9 @@ class Figures:
 
     @classmethod
     def parse(cls, plain: dict[str, list[dict[str, Any]]]) -> "Figures":
-        """The other way round. Raises KeyError and TypeError for something else."""
+        """Returns the figures of such a value, the inverse of `plain`. Raises KeyError and TypeError for something
+        else.
+        """
         healthy, found = ([one | {"origin": Origin(**one["origin"])} for one in plain[k]] for k in ("healthy", "found"))
         for one in healthy:
             one["scores"] = {name: Score(**score) for name, score in one.get("scores", {}).items()}
@@ -147,12 +154,12 @@ class Figures:
 
 
 def of_fault(found: list[Found], fault: Fault) -> list[Found]:
-    """Those whose name ought to be this one."""
+    """Returns the figures of the hazards that ought to be named as this fault."""
     return [one for one in found if FAULTS[one.kind] is fault]
 
 
 def figures(rows: Sequence[Row]) -> Figures:
-    """Figures of the rows of study.csv."""
+    """Returns the figures of the rows of study.csv."""
     alike = ("session", "tissue", "noise_mm", "asked", "duration_s")
     healthy = _grouped([row for row in rows if row["hazard"] == "none"], alike)
     wrong = [row for row in rows if row["hazard"] != "none" and not is_within(row["hazard"])]
@@ -177,7 +184,7 @@ def _origin(rows: list[Row]) -> Origin:
 
 
 def _span(numbers: Iterable[str]) -> str:
-    """ "1", "1–20" or "1, 3"."""
+    """Returns "1", "1–20" or "1, 3" as the numbers are."""
     told = sorted({int(one) for one in numbers})
     whole = len(told) > 1 and told == list(range(told[0], told[-1] + 1))
     return f"{told[0]}–{told[-1]}" if whole else ", ".join(map(str, told))
@@ -203,7 +210,7 @@ def _healthy(rows: list[Row]) -> Healthy:
 
 
 def _score(rows: list[Row], name: str) -> Score | None:
-    """Score of a check that was measured at all."""
+    """Returns the score of a check, or None where it was never measured."""
     truth = truth_of(name, rows)
     return Score(round(truth.rms, 3), round(truth.worst, 2)) if isfinite(truth.rms) else None
 
@@ -229,7 +236,7 @@ def _found(rows: list[Row]) -> Found:
 
 
 def _bound_s(hazard: Hazard, rows: list[Row]) -> float | None:
-    """Median over the seeds; None where the hazard has no size or is seen to happen."""
+    """Returns the median over the seeds; None where the hazard has no size or is seen to happen."""
     if not hazard.size or hazard.manner not in _BOUNDED:
         return None
     from_s = 0.0 if hazard.manner is Manner.START else ONSET_S + HIDDEN_S

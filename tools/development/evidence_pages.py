@@ -1,4 +1,6 @@
-"""`make docs` writes docs/coverage.md and docs/evidence.md, with their pictures, from docs/evidence.json. Pure."""
+"""Writes docs/coverage.md and docs/evidence.md, with their pictures, from docs/evidence.json, for `make docs`. It is
+pure.
+"""
 
 import json
 from collections import Counter
@@ -52,12 +54,12 @@ To repeat a row: `{command}`; `--seeds` and `--draws` as many as its highest.
 
 
 def read_figures() -> Figures:
-    """What was last measured."""
+    """Returns the figures that were last measured."""
     return Figures.parse(json.loads(DATA.read_text(encoding="utf-8")))
 
 
 def pages(figures: Figures) -> dict[Path, str]:
-    """File → text of everything that is written from the figures."""
+    """Returns file → text of everything that is written from the figures."""
     return {
         DOCS / "coverage.md": _coverage(figures),
         DOCS / "evidence.md": _evidence(figures),
@@ -69,7 +71,7 @@ def pages(figures: Figures) -> dict[Path, str]:
 
 
 def command(hazards: str = "") -> str:
-    """That does the runs of a row again."""
+    """Returns the command that repeats the runs of a row."""
     return (
         "probewatch study --sessions S --tissues T --noise-mm N --asked A --duration D --seeds K"
         f"{' --hazards H' if hazards else ''}"
@@ -158,7 +160,7 @@ def _score(name: str, sessions: list[Healthy]) -> str:
 
 
 def _mean(shares: list[float]) -> str:
-    """Mean with Student's interval, cut to what a share can be."""
+    """Returns the mean with Student's interval, cut to what a share can be."""
     if len(shares) < 2:
         return "one run"
     half = float(student.ppf(0.975, len(shares) - 1)) * stdev(shares) / sqrt(len(shares))
@@ -199,7 +201,7 @@ def _evidence(figures: Figures) -> str:
 
 
 def _usually(found: list[Found]) -> list[str]:
-    """What most rows share, and the intervals of all shares in them, once for all tables."""
+    """Returns what most rows share, and the intervals of all shares in them, once for all tables."""
     if not found:
         return []
     each = _usual(found)
@@ -270,7 +272,7 @@ def _found_row(one: Found, usual: tuple[str, ...]) -> Sequence[str]:
 
 
 def _with_range(middle: float, values: list[float]) -> str:
-    """values: in order."""
+    """Returns the middle value with the range of the values. values: in order."""
     low, high = f"{values[0]:.2f}", f"{values[-1]:.2f}"
     return f"{middle:.2f}" if low == high else f"{middle:.2f} ({low}–{high})"
 
@@ -315,7 +317,7 @@ def _alarm_row(name: str, some: list[Healthy]) -> Sequence[str]:
 
 
 def _confusion(found: list[Found]) -> list[str]:
-    """How often each class was named first as what it is, and as what else."""
+    """Returns how often each class was named first as what it is, and as what else."""
     rows = []
     for fault in dict.fromkeys(FAULTS.values()):
         some = of_fault(found, fault)

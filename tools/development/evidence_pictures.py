@@ -1,4 +1,4 @@
-"""The drawings of docs/coverage.md and docs/evidence.md but the ROC. Pure."""
+"""Draws the pictures of docs/coverage.md and docs/evidence.md except the ROC. It is pure."""
 
 from collections.abc import Iterable, Sequence
 from statistics import median
@@ -9,7 +9,7 @@ from probewatch.tools.report.svg import Plot, alone
 _ROW, _FRAME = 22, 50
 """Height of one line of a drawing, and of its axis, units of the drawing: labels of 12 units do not touch."""
 _MOST_DELAY_S = 10.0
-"""Of the drawing of delays; what is later is drawn at the edge."""
+"""Seconds: right edge of the drawing of delays; what is later is drawn at the edge."""
 
 
 def coverage_picture(healthy: list[Healthy]) -> str:

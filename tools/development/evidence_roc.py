@@ -1,4 +1,4 @@
-"""ROC of the sequential test: its section of docs/evidence.md, and its drawing. Pure."""
+"""Makes the section of docs/evidence.md on the ROC of the sequential test, and its drawing. It is pure."""
 
 from itertools import cycle
 from statistics import mean
@@ -18,7 +18,7 @@ is what is seen to happen, the condition that one class alone explains it, and {
 
 
 def roc_section(figures: Figures) -> list[str]:
-    """What the sequential test would tell at other thresholds."""
+    """Returns what the sequential test would show at other thresholds."""
     quiet = _quiet_nats(figures)
     everything: list[Healthy | Found] = [*figures.healthy, *figures.found]
     runs = sum(one.runs for one in everything)
@@ -42,7 +42,7 @@ def _quiet_nats(figures: Figures) -> list[float]:
 
 
 def _class_nats(found: list[Found]) -> dict[Fault, list[float]]:
-    """Nats of each class that was measured."""
+    """Returns the nats of each class that was measured."""
     each = {fault: [nats for one in of_fault(found, fault) for nats in one.nats] for fault in FAULTS.values()}
     return {fault: nats for fault, nats in each.items() if nats}
 
@@ -61,7 +61,7 @@ def _area(nats: list[float], quiet: list[float]) -> str:
 
 
 _CURVES = ("a", "b", "bad", "mark", "c", "d")
-"""Colours of the classes; a seventh would take the first again."""
+"""Colours of the classes; a seventh class would take the first again."""
 
 
 def roc_picture(figures: Figures) -> str:

@@ -1,4 +1,4 @@
-"""Signs and names in healthy scanning: the section of docs/evidence.md from docs/false-alarms.json."""
+"""Makes the section of docs/evidence.md on signs and names in healthy scanning, from docs/false-alarms.json."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -11,9 +11,10 @@ from probewatch.tools.development.markdown import table
 
 FIGURES = Path(__file__).parents[2] / "docs" / "false-alarms.json"
 _TAIL = 0.025
-"""Of either side of an interval of 95 %."""
+"""Probability on either side of an interval of 95 %."""
 _LEVELS_NATS = (6, 8, 10, 13.5, 18.5)
-"""Above which peaks are counted: what the test tells at all, a sign, one of a distorted field, a name, and between."""
+"""Nats above which peaks are counted: what the test reports at all, a sign, one of a distorted field, a name, and
+between."""
 
 _COUNTED = {
     "signs": "signs",
@@ -35,13 +36,13 @@ calibration, and the contact is open until motion answers it. None: a rate under
 
 
 def interval(events: int, hours: float) -> tuple[float, float]:
-    """Interval of a rate per hour, Poisson, both sides."""
+    """Returns the interval of a rate per hour, Poisson, both sides."""
     low = float(chi2.ppf(_TAIL, 2 * events)) / 2 if events else 0.0
     return low / hours, float(chi2.ppf(1 - _TAIL, 2 * events + 2)) / 2 / hours
 
 
 def false_alarm_lines() -> list[str]:
-    """Lines of the page, as last measured."""
+    """Returns the lines of the page, as last measured."""
     figures: Mapping[str, Any] = json.loads(FIGURES.read_text(encoding="utf-8"))
     commits = ", ".join(f"`{one}`" for one in figures["commits"])
     told = _TEXT.format(seeds=figures["seeds"], commits=commits, none=interval(0, 1.0)[1])
@@ -77,7 +78,7 @@ def _peaks(figures: Mapping[str, Any]) -> list[str]:
 
 
 def _above(peaks: Sequence[float]) -> str:
-    """Counts up to the first level that none passed. peaks: the highest first."""
+    """Returns the counts up to the first level that none passed. peaks: the highest first."""
     counts = [sum(peak > level for peak in peaks) for level in _LEVELS_NATS]
     told = counts.index(0) + 1 if 0 in counts else len(counts)
     levels = zip(counts[:told], _LEVELS_NATS, strict=False)

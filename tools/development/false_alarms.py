@@ -1,8 +1,9 @@
-"""`python -m probewatch.tools.development.false_alarms`: how often healthy scanning raises a sign, a choice or a named
-fault, and how near the sequential test comes to one. Writes docs/false-alarms.json, which docs/evidence.md shows.
+"""Measures how often healthy scanning raises a sign, a choice or a named fault, and how near the sequential test comes
+to one.
 
-Paths without pictures: the session's own path with the errors of a registration goes straight into `Evidence`, at the
-cadence of the line, and its verdicts to the supervisor. What needs pictures, such as the slip watches, is not in it.
+`python -m probewatch.tools.development.false_alarms` writes docs/false-alarms.json, which docs/evidence.md shows. There
+are paths without pictures: the session's own path with the errors of a registration goes straight into `Evidence`, at
+the cadence of the line, and its verdicts to the supervisor. What needs pictures, such as the slip watches, is left out.
 """
 
 import json
@@ -40,44 +41,47 @@ from probewatch.tools.study.workers import results
 KEPT = Path("results/false-alarms")
 KEYS = ("session", "tissue", "noise", "seed", "duration_s")
 NOISES = ("gaussian", "t5", "ar1")
-"""Of the tracker, all with the standard deviations of `tracker_of`: white; Student's with five degrees of freedom; and
-one that is alike from reading to reading."""
+"""Noises of the tracker, all with the standard deviations of `tracker_of`: white; Student's with five degrees of
+freedom; and one that is correlated from reading to reading."""
 _COUNTS = ("signs", "withdrawn", "choices", "faults", "warnings", "halts")
 LENGTH_S = 180.0
-"""Of each session: two minutes after what it takes to be verified first. Longer says more of a long examination, and
-less of different hands."""
+"""Seconds of each session: two minutes after what it takes to be verified first. Longer shows more of a long
+examination, and less of different hands."""
 _ALIKE = 0.9
-"""From one reading, at 60 Hz, to the next: a filter of 160 ms in the tracker. Not measured on one."""
+"""Correlation of one reading, at 60 Hz, with the next: a filter of 160 ms in the tracker. Not measured on one."""
 _PICTURE_PX, _WALK_MM, _WALK_DEG = 0.02, 0.01, 0.02
 """Error of one registered picture, and of its chain per √s, as measured on rendered pictures
 (tests/support/motions.py)."""
 BLOCK_S = 30.0
-"""Whose largest log likelihood ratio is kept: three windows of the test, so that neighbours share little motion."""
+"""Seconds of a block whose largest log likelihood ratio is kept: three windows of the test, so that neighbours share
+little motion."""
 
 
 @dataclass(frozen=True)
 class Quiet:
-    """One session in which nothing is wrong."""
+    """Represents one session in which nothing is wrong."""
 
     session: Session
     noise: str
 
     @property
     def key(self) -> tuple[str, ...]:
-        """One for each of KEYS."""
+        """Returns the value of each of KEYS."""
         one = self.session
         return one.name, one.tissue, self.noise, str(one.seed), f"{one.duration_s:g}"
 
     def rows(self) -> list[Row]:
-        """Play it."""
+        """Plays it and returns its row."""
         return [dict(zip(KEYS, self.key, strict=True)) | Played(self).row()]
 
 
 class Played:
-    """signs: how often something came to speak against the calibration, or for a distorted field; withdrawn: of those,
-    how many while it was OK. choices, faults: how often `undecided`, and a FAULT of any other name, began. peaks, bent:
-    of each block, of the sequential test and of a distorted field, where they are not 0. Beside them, how often the
-    supervisor warned and halted.
+    """Plays one session and counts.
+
+    signs: how often something came to speak against the calibration, or for a distorted field; withdrawn: how many of
+    those while it was OK. choices, faults: how often `undecided`, and a FAULT of any other name, began. peaks, bent:
+    those of each block, of the sequential test and of a distorted field, where they are not 0. Beside them, how often
+    the supervisor warned and halted.
     """
 
     def __init__(self, quiet: Quiet) -> None:
@@ -92,7 +96,7 @@ class Played:
         self._play(quiet.noise)
 
     def row(self) -> Row:
-        """Cells of the table."""
+        """Returns the cells of the table."""
         counts = {name: str(value) for name, value in self._counts.items()}
         peaks, bent = (" ".join(f"{peak:.2f}" for peak in kind if peak > 0) for kind in (self._peaks, self._bent))
         ok_s = f"{self._ok_ns / 1e9:.1f}"
@@ -146,7 +150,7 @@ class Played:
 
 
 def _motions(session: Session, t_s: Array) -> Iterator[Motion | None]:
-    """Motion of each picture; None while the probe is off the skin. Each touch begins a chain."""
+    """Yields the motion of each picture; None while the probe is off the skin. Each touch begins a chain."""
     random = np.random.default_rng((session.seed, 67))
     reference, touches = session.reference, session.touches(t_s)
     signs_mm = np.array(reference.polarity) * reference.scale_mm_per_px
@@ -160,7 +164,7 @@ def _motions(session: Session, t_s: Array) -> Iterator[Motion | None]:
         end = index + int(off[0]) if off.size else t_s.size
         chain += 1
         path, turn = picture_path(session.pictures(t_s[index:end]))
-        # As the registration tells it: the tissue's displacement in the axes of the latest picture.
+        # As the registration reports it: the tissue's displacement in the axes of the latest picture.
         moved = -np.exp(1j * turn) * path
         step = 1 / sqrt(FPS)
         path_mm = np.stack([moved.real, moved.imag], axis=1)
@@ -178,7 +182,7 @@ def _motions(session: Session, t_s: Array) -> Iterator[Motion | None]:
 
 
 def _poses(session: Session, noise: str, t_s: Array) -> Array:
-    """(n, 4, 4) as the tracker reports them."""
+    """Returns the poses, (n, 4, 4), as the tracker reports them."""
     random = np.random.default_rng((session.seed, 61, NOISES.index(noise)))
     tracker = tracker_of(0.1)
     rows = tracker_noise(noise, t_s.size, random)
@@ -190,7 +194,7 @@ def _poses(session: Session, noise: str, t_s: Array) -> Array:
 
 
 def tracker_noise(kind: str, n: int, random: np.random.Generator) -> Array:
-    """(n, 6) of standard deviation 1."""
+    """Returns noise, (n, 6), of standard deviation 1."""
     if kind == "t5":
         return np.asarray(random.standard_t(5, (n, 6)) / sqrt(5 / 3))
     rows = random.standard_normal((n, 6))
@@ -202,7 +206,7 @@ def tracker_noise(kind: str, n: int, random: np.random.Generator) -> Array:
 
 
 def planned(seeds: int) -> list[Quiet]:
-    """Every session in every tissue under every noise, the first seed of all first."""
+    """Returns every session in every tissue under every noise, the first seed of all first."""
     return [Quiet(_session(name, tissue, seed), noise) for seed, name, tissue, noise in _mixture(seeds)]
 
 
@@ -211,7 +215,7 @@ def _mixture(seeds: int) -> Iterator[tuple[int, str, str, str]]:
 
 
 def _session(name: str, tissue: str, seed: int) -> Session:
-    """Seeds of this measurement are no others'."""
+    """Returns a session with a seed that no other measurement uses."""
     return Session(name, tissue, 5000 + seed, LENGTH_S)
 
 
@@ -220,18 +224,18 @@ _HOURS = {"hours": "duration_s", "ok_h": "ok_s"}
 
 
 def _total(rows: list[Row]) -> dict[str, float]:
-    """Total of all rows of one kind."""
+    """Returns the total of all rows of one kind."""
     hours = {name: round(sum(float(row[column]) for row in rows) / 3600, 3) for name, column in _HOURS.items()}
     return {"rows": len(rows), **hours, **{name: sum(int(row[name]) for row in rows) for name in _COUNTS}}
 
 
 def _highest(rows: list[Row], kind: str) -> list[float]:
-    """Peaks of all blocks, the highest first."""
+    """Returns the peaks of all blocks, the highest first."""
     return sorted((float(peak) for row in rows for peak in row[kind].split()), reverse=True)
 
 
 def written(rows: list[Row]) -> dict[str, object]:
-    """What docs/false-alarms.json keeps."""
+    """Returns what docs/false-alarms.json keeps."""
     kinds: dict[str, list[Row]] = {}
     for row in rows:
         for name in ("everything", row["tissue"], row["noise"], row["session"].removeprefix("gesture-")):

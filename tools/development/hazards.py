@@ -1,4 +1,4 @@
-"""`make docs` writes docs/hazards.md: each hazard, its severity, control, what remains, and the evidence; and
+"""Writes docs/hazards.md for `make docs`: each hazard, its severity, control, what remains, and the evidence; and
 docs/hazard-tests.csv, the tests of each.
 
 What finds a hazard declares it (`REPORTS_FAULTS` of a module of the appliance); a test that tries it names it.
@@ -44,7 +44,7 @@ _PRIORITIES = (Priority.HIGH, Priority.MEDIUM, Priority.LOW, Priority.NONE)
 
 
 def hazards(figures: Figures) -> str:
-    """The whole page, Markdown. figures: what was last measured."""
+    """Returns the whole page, Markdown. figures: what was last measured."""
     head = ("hazard", "severity", "control", "residual", "evidence")
     known = _known()
     unnamed = sum(not any(f"`{hazard}`" in row for hazard in HAZARDS) for row in known.values())
@@ -53,7 +53,7 @@ def hazards(figures: Figures) -> str:
 
 
 def traced() -> str:
-    """Each hazard with each file of tests that names it, CSV."""
+    """Returns each hazard with each file of tests that names it, CSV."""
     rows = [f"{hazard},{file}" for hazard in HAZARDS for file in _tests(hazard)]
     return "\n".join(("hazard,tests", *rows, ""))
 
@@ -76,7 +76,7 @@ def _tests(hazard: Fault) -> list[str]:
 
 
 def _severity(row: Policy) -> str:
-    """Severity of the worst state that it leads to."""
+    """Returns the severity of the worst state that it leads to."""
     reached = {SIGNALS[step.state].priority for step in row.steps}
     return next((priority.value for priority in _PRIORITIES if priority in reached), "advisory")
 
@@ -88,7 +88,7 @@ def _missed(hazard: Fault, figures: Figures) -> str:
 
 
 def _known() -> dict[str, str]:
-    """Number → row of each known anomaly; the page has several tables, whose headings have no number."""
+    """Returns number → row of each known anomaly; the page has several tables, whose headings have no number."""
     return {
         found[1]: found[0] for found in re.finditer(r"^\| (\d+) \|.*$", ANOMALIES.read_text(encoding="utf-8"), re.M)
     }
@@ -100,7 +100,7 @@ def _anomalies(hazard: Fault) -> str:
 
 @cache
 def found_by() -> dict[Fault, list[str]]:
-    """Hazard → files of the appliance that declare in `REPORTS_FAULTS` that they tell of it."""
+    """Returns hazard → files of the appliance that declare in `REPORTS_FAULTS` that they report it."""
     files = sorted(file.relative_to(ROOT).as_posix() for file in (ROOT / "appliance").rglob("*.py"))
     finds = {file: getattr(import_module(_module(file)), "REPORTS_FAULTS", ()) for file in files}
     return {hazard: [file for file in files if hazard in finds[file]] for hazard in HAZARDS}
@@ -108,7 +108,7 @@ def found_by() -> dict[Fault, list[str]]:
 
 @cache
 def _tried_by() -> dict[Fault, list[str]]:
-    """Hazard → files of tests that name it, or import what finds it alone."""
+    """Returns hazard → files of tests that name it, or import a module that finds it alone."""
     finders = found_by()
     alone = {_module(file): hazard for hazard in HAZARDS for file in finders[hazard] if _counted(file, finders) == 1}
     found: dict[Fault, list[str]] = {hazard: [] for hazard in HAZARDS}
@@ -120,24 +120,24 @@ def _tried_by() -> dict[Fault, list[str]]:
 
 
 def steps(row: Policy) -> str:
-    """What a row of the policy leads to."""
+    """Returns what a row of the policy leads to."""
     return ", then ".join(step_text(step) for step in row.steps) or "notice beside the state"
 
 
 def step_text(step: Step) -> str:
-    """One step of it."""
+    """Returns the text of one step."""
     after = " + ".join(f"`{name}`" for name in step.after)
     by = " or ".join(f"`{name}`" for name in step.by)
     return f"{step.state.value} {f'after {after}' if after else 'at once'}{f' of {by}' if by else ''}"
 
 
 def _figures(hazard: Fault, figures: Figures) -> str:
-    """The section of the evidence on it, where it was measured."""
+    """Returns a link to the section of the evidence on it, where it was measured."""
     return f"[figures](evidence.md#{hazard}), " if of_fault(figures.found, hazard) else ""
 
 
 def _counted(file: str, finders: dict[Fault, list[str]]) -> int:
-    """How many hazards this file finds: a test of one that finds a single hazard is a test of that hazard."""
+    """Returns how many hazards this file finds: a test of one that finds a single hazard is a test of that hazard."""
     return sum(file in files for files in finders.values())
 
 
@@ -150,8 +150,8 @@ def _imported(nodes: list[ast.AST]) -> Iterator[str]:
 
 
 def _named(nodes: list[ast.AST]) -> set[Fault]:
-    """Whether it is named by its member of Fault, by the word that JSON and log have for it, or by what the operator
-    reads.
+    """Returns the hazards that the nodes name: by their member of Fault, by the word that JSON and log have for them,
+    or by what the operator reads.
     """
     words = {text: hazard for hazard, row in HAZARDS.items() for text in (hazard.value, row.text)}
     found = set()

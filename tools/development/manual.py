@@ -1,7 +1,9 @@
-"""`python -m probewatch.tools.development.manual`: writes docs/alarms.md from the supervisor's tables, docs/hazards.md
-from code and tests, docs/coverage.md and docs/evidence.md from docs/evidence.json, docs/profiles.md from
-docs/profiles.json, the drawings of the gestures in docs/pictures, and what the drivers say of themselves: tables of
-docs/trackers.md, docs/devices.md and docs/connect.md, and the unit's DeviceAllow.
+"""Writes the generated pages: `python -m probewatch.tools.development.manual`.
+
+They are docs/alarms.md from the supervisor's tables, docs/hazards.md from code and tests, docs/coverage.md and
+docs/evidence.md from docs/evidence.json, docs/profiles.md from docs/profiles.json, the drawings of the gestures in
+docs/pictures, and what the drivers' descriptors state: tables of docs/trackers.md, docs/devices.md and docs/connect.md,
+and the unit's DeviceAllow.
 """
 
 import re
@@ -83,7 +85,7 @@ def manual() -> str:
 
 
 def profiles() -> dict[Path, str]:
-    """The page on profiles, of the figures that are kept."""
+    """Returns the page on profiles, of the figures that are kept."""
     return {profile_page.PAGE: profile_page.page(profile_page.read_figures())}
 
 
@@ -111,7 +113,9 @@ def _target(transition: Transition) -> State:
 
 
 def _transitions() -> list[str]:
-    """One row for each event and its guards in the order in which they are tried, with all states that share them."""
+    """Returns one row for each event and its guards in the order in which they are tried, with all states that share
+    them.
+    """
     steps: dict[tuple[str, str], list[str]] = {}
     for state, transition in _rows():
         told = f"{_guard(transition) or 'always'} → **{_target(transition).value}**"
@@ -131,7 +135,7 @@ def _guards() -> list[str]:
 
 
 def _said(guard: object) -> str:
-    """Its docstring in one line, as a table wants it."""
+    """Returns its docstring in one line, as a table needs it."""
     return " ".join(str(guard.__doc__).split())
 
 
@@ -151,7 +155,7 @@ def _policy() -> list[str]:
 
 
 def _certainty() -> list[str]:
-    """The policy's other half: how probable it must be before a row of the table counts."""
+    """Returns the policy's other half: how probable it must be before a row of the table counts."""
     sigma, hours = Limits().confidence_sigma, exp(NAMED_NATS) / 3600 / 30
     rows = [
         ("beyond its limit, but by less than that", "nothing; the reason says *not certain*"),
@@ -207,7 +211,7 @@ def _period(number: int) -> str:
 
 
 def _hazards() -> list[str]:
-    """What the operator reads, what it means, and what to do."""
+    """Returns what the operator reads, what it means, and what to do."""
     text = (
         "What leads to which state: [policy](#policy). What finds each, and the tests: [hazards](hazards.md). "
         "How soon: [evidence](evidence.md)."
@@ -218,12 +222,12 @@ def _hazards() -> list[str]:
 
 
 def _remedies(row: FaultRow) -> str:
-    """What the operator does, also once a recalibration is requested."""
+    """Returns what the operator does, also once a recalibration is requested."""
     return f"{row.remedy}; once a recalibration is requested: {row.requested}" if row.requested else row.remedy
 
 
 def _limit(fault: Fault) -> str:
-    """Keys of the configuration with their defaults."""
+    """Returns the keys of the configuration with their defaults."""
     defaults = {**Limits().model_dump(), **SupervisorTimes().model_dump()}
     measured = [QUANTITIES[fault].limit_key] if fault in QUANTITIES else []
     return ", ".join(f"`{name}` {defaults[name]:.4g}" for name in (*measured, *HAZARDS[fault].limits)) or "–"

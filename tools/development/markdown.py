@@ -1,17 +1,17 @@
-"""What the pages of docs/ are made of."""
+"""Makes the parts of the pages of docs/."""
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
-    """Lines of a Markdown table, with an empty one after it."""
+    """Returns the lines of a Markdown table, with an empty one after it."""
     return [*(f"| {' | '.join(row)} |" for row in (head, ["---"] * len(head), *rows)), ""]
 
 
 def shared_aside(head: Sequence[str], rows: Iterable[Sequence[str]], names: Sequence[str]) -> list[str]:
-    """The same table, with what most of its rows have in the columns of these names said in a sentence before it. A
-    cell with anything else stays; a column without any is left out.
+    """Returns the lines of such a table, with what most of its rows have in the columns of these names stated in a
+    sentence before it. A cell with anything else stays; a column without any is left out.
     """
     lines = [tuple(row) for row in rows]
     usual: dict[int, str] = {}

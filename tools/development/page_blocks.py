@@ -1,12 +1,12 @@
-"""Blocks of a page that are generated, each between two marks: <!-- KIND: NAME --> and <!-- /KIND -->."""
+"""Generates blocks of a page, each between two marks: <!-- KIND: NAME --> and <!-- /KIND -->."""
 
 import re
 from collections.abc import Callable
 
 
 class PageBlocks:
-    """The blocks of one kind. make: the text of a block by its name, with a line break at the end; raises KeyError for
-    a name that has none.
+    """Represents the blocks of one kind. make: the text of a block by its name, with a line break at the end; raises
+    KeyError for a name that has none.
     """
 
     def __init__(self, kind: str, make: Callable[[str], str]) -> None:

@@ -1,5 +1,7 @@
-"""`python -m probewatch.tools.development.profiles --table study.csv`: what each profile of the limits costs and finds.
-Writes docs/profiles.json from the rows of `probewatch study`, and docs/profiles.md from that.
+"""Measures what each profile of the limits costs and finds.
+
+`python -m probewatch.tools.development.profiles --table study.csv` writes docs/profiles.json from the rows of
+`probewatch study`, and docs/profiles.md from that.
 """
 
 import json
@@ -22,14 +24,15 @@ from probewatch.tools.study.summary import Row, Share, false_rate_per_hour, numb
 
 DATA, PAGE = DOCS / "profiles.json", DOCS / "profiles.md"
 _NAMED_S = 15.0
-"""From the start, by when what is wrong is to be named. The sessions with a hazard may be shorter; then all of them."""
+"""Seconds from the start, by when what is wrong is to be named. The sessions with a hazard may be shorter; then all of
+them."""
 _CONDITIONS = ("session", "tissue", "noise_mm", "duration_s", "profile", "hazard")
 """Columns that rows of one line of the tables share."""
 Figure = dict[str, Any]
 
 
 def figures(rows: Sequence[Row]) -> list[Figure]:
-    """One for each set of conditions, in the order of the pages; seeds and commits in it."""
+    """Returns one figure for each set of conditions, in the order of the pages; seeds and commits are in it."""
     groups: dict[tuple[str, ...], list[Row]] = {}
     for row in rows:
         groups.setdefault(tuple(row[name] for name in _CONDITIONS), []).append(row)
@@ -53,7 +56,9 @@ def _figure(rows: Sequence[Row]) -> Figure:
 
 
 def _errors(rows: Sequence[Row], name: str) -> float | None:
-    """Root of the mean square of value − truth at the looks, in the unit of the check; about, as sigma is the last."""
+    """Returns the root of the mean square of value − truth at the looks, in the unit of the check; it is approximate,
+    because the sigma is the last one.
+    """
     known = [row for row in rows if number(row, f"{name} looks") > 0]
     if not known:
         return None
@@ -65,7 +70,7 @@ def _errors(rows: Sequence[Row], name: str) -> float | None:
 
 
 def page(data: Sequence[Figure]) -> str:
-    """docs/profiles.md."""
+    """Returns docs/profiles.md."""
     healthy = [one for one in data if one["hazard"] == "none"]
     sick = [one for one in data if one["hazard"] != "none"]
     lines = [*_HEAD.splitlines(), "", *_limits(), *_REACH.splitlines(), "", "## What each costs", ""]
@@ -88,7 +93,7 @@ def _measured(data: Sequence[Figure]) -> str:
 
 
 def _healthy(data: Sequence[Figure]) -> list[str]:
-    """A row for each session, tissue and tracker, a column for each profile."""
+    """Returns a row for each session, tissue and tracker, a column for each profile."""
     own = [name for name in PROFILES if any(one["profile"] == name for one in data)]
     head = ("session", "tissue", "tracker", *(f"`{name}`" for name in own))
     rows: dict[tuple[str, str, str], dict[str, str]] = {}
@@ -140,7 +145,9 @@ def _sick_cells(one: Figure) -> Sequence[str]:
 
 
 def _rests(data: Sequence[Figure]) -> list[str]:
-    """Rows of the table of errors: RMS of each estimate, then what is added to each sigma, and the limits of `fine`."""
+    """Returns the rows of the table of errors: RMS of each estimate, then what is added to each sigma, and the limits
+    of `fine`.
+    """
     fine = Limits(profile="fine")
     places = list(dict.fromkeys((one["session"], one["tissue"], one["noise_mm"]) for one in data))
     kinds = {fault: QUANTITIES[fault] for fault in CLASSES}
@@ -153,7 +160,7 @@ def _rests(data: Sequence[Figure]) -> list[str]:
 
 
 def _rest_cells(data: Sequence[Figure], place: tuple[str, str, str]) -> Sequence[str]:
-    """One row: the largest error of each class."""
+    """Returns one row: the largest error of each class."""
     own = next(one for one in data if (one["session"], one["tissue"], one["noise_mm"]) == place)
     session, tissue, noise_mm = place
     worst: dict[Fault, float] = {}
@@ -165,7 +172,7 @@ def _rest_cells(data: Sequence[Figure], place: tuple[str, str, str]) -> Sequence
 
 
 def _spread(values: Iterable[float], digits: int) -> str:
-    """Median, and least and most of them where they differ."""
+    """Returns the median of the values, and their least and most where they differ."""
     known = [value for value in values if isfinite(value)]
     if not known:
         return "–"
@@ -182,7 +189,7 @@ def _or_none(value: float) -> float | None:
 
 
 def read_figures() -> list[Figure]:
-    """Figures of docs/profiles.json."""
+    """Returns the figures of docs/profiles.json."""
     return list(json.loads(DATA.read_text(encoding="utf-8")))
 
 

@@ -1,7 +1,7 @@
-"""`python -m probewatch.tools.development.self_test_picture RECORD`: writes docs/pictures/self-test.svg.
+"""Writes docs/pictures/self-test.svg: `python -m probewatch.tools.development.self_test_picture RECORD`.
 
 RECORD is what a self-test of this version has kept, such as of `probewatch simulate cart` on a busy computer; the
-picture is what that self-test printed, of a terminal of 110 columns.
+picture is what that self-test printed, on a terminal of 110 columns.
 """
 
 import io
@@ -18,7 +18,7 @@ from probewatch.tools.selftest.listed import print_items
 
 PICTURE = Path(__file__).parents[2] / "docs" / "pictures" / "self-test.svg"
 _COLUMNS = 110
-"""Of the drawn terminal. Fewer wrap the longest item, more leave an empty margin."""
+"""Columns of the drawn terminal. Fewer wrap the longest item, more leave an empty margin."""
 
 
 def picture(record: dict[str, Any]) -> str:
@@ -26,7 +26,7 @@ def picture(record: dict[str, Any]) -> str:
     console = Console(record=True, width=_COLUMNS, file=io.StringIO(), force_terminal=True, highlight=False)
     print_items([Item(**item) for item in record["items"]], console, "en")
     drawn = console.export_svg(title="probewatch self-test", unique_id="self-test")
-    return re.sub(r" *@font-face \{[^}]*\}\n?", "", drawn)  # which a page would load from elsewhere
+    return re.sub(r" *@font-face \{[^}]*\}\n?", "", drawn)  # a page would load these fonts from elsewhere
 
 
 @click.command()

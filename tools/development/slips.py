@@ -1,9 +1,10 @@
-"""`python -m probewatch.tools.development.slips`: how often slips of the marker body are seen, by session and duration,
-and how often one is seen that is none. Writes docs/slips.json, which docs/evidence.md shows.
+"""Measures how often slips of the marker body are seen, by session and duration, and how often one is seen that is
+none.
 
-The pictures of a session are registered once, without a slip, and that is kept in results/slips. The poses of the
-tracker, with new noise and a slip at a random time, are played against it. A slip changes no picture, only when the
-registration takes another keyframe.
+`python -m probewatch.tools.development.slips` writes docs/slips.json, which docs/evidence.md shows. The pictures of a
+session are registered once, without a slip, and that is kept in results/slips. The poses of the tracker, with new noise
+and a slip at a random time, are played against it. A slip changes no picture, only when the registration takes another
+keyframe.
 """
 
 import json
@@ -43,23 +44,23 @@ SESSIONS: tuple[tuple[str, str], ...] = (
     ("elevational-20", "still"),
 )
 QUIET: tuple[tuple[str, str], ...] = (*SESSIONS, ("mixed", "still"))
-"""In which it must see nothing; slips are not looked for where the probe is lifted now and then."""
+"""Sessions in which it must see nothing; slips are not searched for where the probe is lifted now and then."""
 SIZES: Mapping[str, tuple[float, ...]] = {"bend": (3.5, 6.0), "slide": (5.0, 10.0)}
 """deg and mm: a little beyond the limit that is set when nothing is configured, and twice the limit and more."""
 AXES = ("lateral", "axial", "elevational")
 LASTING_S: Mapping[float, int] = {0.0: 60, 0.5: 18, 5.0: 6}
-"""s: between two readings, and over as long as each of SlowSlip's two sums. Beside it, of how many each share is made:
-as often each axis and sign. The slower ones are played for longer and name nothing, so there are fewer of them. 60 of
-60 are more than 94 % (95 %); more narrow it by the root, and take as much longer.
-"""
+"""Duration of a slip, s (between two readings, and over as long as each of SlowSlip's two sums) → number of slips of
+which each share is made: each axis and sign as often. The slower ones are played for longer and name nothing, so there
+are fewer of them. 60 of 60 are more than 94 % (95 %); more narrow it by the root, and take as much longer."""
 SOON_S = 0.2
-"""After a slip is complete, by when it must be named, as tests/appliance/core/detectors/test_marker_slip.py asks.
-Longer would count what the solver finds."""
+"""Seconds after a slip is complete by when it must be named, as tests/appliance/core/detectors/test_marker_slip.py
+asks. Longer would count what the solver finds."""
 _LENGTH_S = 60.0
-"""Of each session, once its hand has made all its motions several times. Longer takes as much longer to register."""
+"""Seconds of each session, in which its hand has made all its motions several times. Longer takes proportionally longer
+to register."""
 _BEFORE_S: Mapping[float, float] = {0.0: 2.0, 0.5: 5.0, 5.0: 30.0}
-"""s before a slip of each duration, for what is usual to be learned: SlowSlip takes 20 times as long as its sum,
-of which 30 s are what a session of a minute has room for. Less finds less."""
+"""Seconds before a slip of each duration, in which what is usual is learned: SlowSlip takes 20 times as long as its
+sum, of which a session of a minute has room for 30 s. Less finds less."""
 _DRAWS = 4
 """Noises of the tracker on each session in which nothing slips: half an hour in all. More bounds the false alarms more
 tightly, but the pictures are the same ones. Not measured."""
@@ -68,7 +69,7 @@ _NO_IMAGE = np.zeros((1, 1), np.uint8)
 
 @dataclass(frozen=True)
 class Slip:
-    """kind: one of FAULTS for a marker body. size: deg or mm. Times s."""
+    """Represents a slip. kind: one of FAULTS for a marker body. size: deg or mm. Times are s."""
 
     kind: str
     size: float
@@ -76,7 +77,7 @@ class Slip:
     lasting_s: float
 
     def at(self, t_s: Array) -> Array:
-        """(n, 6) rad and mm."""
+        """Returns the change, (n, 6) rad and mm."""
         way, axis = self.kind.split("-")
         done = (t_s - self.from_s) / self.lasting_s if self.lasting_s else (t_s >= self.from_s).astype(float)
         change = np.zeros((t_s.size, 6))
@@ -87,8 +88,9 @@ class Slip:
 
 @dataclass(frozen=True)
 class Seen:
-    """Counts of one session, way, size and duration, over all axes and both signs: slips tried, named as what they are
-    and otherwise within SOON_S, and doubted without a name."""
+    """Holds the counts of one session, way, size and duration, over all axes and both signs: slips tried, named as what
+    they are and otherwise within SOON_S, and doubted without a name.
+    """
 
     session: str
     tissue: str
@@ -103,7 +105,7 @@ class Seen:
 
 @dataclass(frozen=True)
 class Quiet:
-    """Counts of one session without a slip: hours played, faults named, doubts."""
+    """Holds the counts of one session without a slip: hours played, faults named, doubts."""
 
     session: str
     tissue: str
@@ -113,7 +115,7 @@ class Quiet:
 
 
 class Look(NamedTuple):
-    """doubted: what was shown counts no more."""
+    """Represents what is reported of one picture. doubted: whether what was shown no longer counts."""
 
     t_s: float
     doubted: bool
@@ -136,14 +138,14 @@ class _Keeper(Detector):
 
 
 class _Registering(Line):
-    """The line without the solver, whose findings no slip watch asks for."""
+    """Runs the line without the solver, whose findings no slip watch asks for."""
 
     def _solve(self, t_ns: int, every_ns: int) -> None:
         pass
 
 
 def registered(session: Session) -> list[Observation]:
-    """What the slip watches see of each picture but for its pose."""
+    """Returns what the slip watches see of each picture but for its pose."""
     path = KEPT / f"{session.title}.npy"
     if not path.exists():
         line, keeper = _Registering(session.reference, Limits()), _Keeper()
@@ -165,14 +167,14 @@ def _known(moved: Array) -> Array | None:
 
 
 class Replay:
-    """A session whose pictures were registered once."""
+    """Replays a session whose pictures were registered once."""
 
     def __init__(self, session: Session) -> None:
         self.session = session
         self._seen = registered(session)
 
     def run(self, from_s: float, to_s: float, slip: Slip | None, seed: int) -> Iterator[Look]:
-        """What is reported of each picture."""
+        """Yields what is reported of each picture."""
         poses = deque(self._poses(from_s, to_s, slip, seed))
         limits, reference = Limits(), self.session.reference
         watch = MarkerSlip(limits, reference)
@@ -209,7 +211,7 @@ def _between(first: Pose, second: Pose) -> Matrix4:
 
 
 def tried(replay: Replay, way: str, size: float, lasting_s: float) -> Seen:
-    """Slips at random times, axis after axis, of either sign."""
+    """Tries slips at random times, axis after axis, of either sign."""
     random = np.random.default_rng(int(10 * (size + lasting_s)))
     named = misnamed = doubted = 0
     for seed in range(LASTING_S[lasting_s]):
@@ -243,7 +245,7 @@ def quiet(replay: Replay) -> Quiet:
 
 
 def slip_page() -> list[str]:
-    """Lines of Markdown on all slips, sessions together; none where nothing was measured."""
+    """Returns lines of Markdown on all slips, sessions together; none where nothing was measured."""
     if not FIGURES.exists():
         return []
     figures = json.loads(FIGURES.read_text(encoding="utf-8"))
@@ -264,7 +266,9 @@ _COLUMNS = ("slip, tissue", *("one reading" if one == 0 else f"over {one:g} s" f
 
 
 def _rows(seen: list[Seen]) -> Iterator[tuple[str, ...]]:
-    """One of each size and tissue: of how many, in each duration, how many were named, named otherwise, withdrawn."""
+    """Yields a row of each size and tissue: for each duration, how many of how many were named, named otherwise,
+    withdrawn.
+    """
     for way, size, tissue in dict.fromkeys((one.way, one.size, one.tissue) for one in seen):
         same = [one for one in seen if (one.way, one.size, one.tissue) == (way, size, tissue)]
         cells = (_cell([one for one in same if one.lasting_s == lasting_s]) for lasting_s in LASTING_S)
@@ -272,7 +276,7 @@ def _rows(seen: list[Seen]) -> Iterator[tuple[str, ...]]:
 
 
 def _cell(same: list[Seen]) -> str:
-    """The cell of all sessions together."""
+    """Returns the cell of all sessions together."""
     tried, named = sum(one.tried for one in same), sum(one.named for one in same)
     misnamed, doubted = sum(one.misnamed for one in same), sum(one.doubted for one in same)
     if not tried:
@@ -283,14 +287,14 @@ def _cell(same: list[Seen]) -> str:
 
 
 def _quietly(without: list[Quiet]) -> str:
-    """One sentence on the sessions in which nothing slipped."""
+    """Returns one sentence on the sessions in which nothing slipped."""
     hours = sum(one.hours for one in without)
     faults, doubts = sum(one.faults for one in without), sum(one.doubts for one in without)
     return f"Without a slip: {faults} FAULTs and {doubts} withdrawals in {hours:.2f} h of these sessions."
 
 
 def main() -> None:
-    """Written down after each session, so that what was measured is not lost."""
+    """Measures every session and writes the figures down after each, so that what was measured is not lost."""
     seen, without = list[Seen](), list[Quiet]()
     for name, tissue in QUIET:
         replay = Replay(Session(name, tissue, 1, _LENGTH_S))

@@ -1,5 +1,5 @@
-"""`python -m probewatch.tools.development.status_film`: writes docs/pictures/status.svg, the moving picture of the
-README.
+"""Writes docs/pictures/status.svg, the moving picture of the README: `python -m
+probewatch.tools.development.status_film`.
 
 It starts the simulated cart of `probewatch demo`, asks the service for its status twice a second, bends the marker body
 once the calibration is verified, and draws what `probewatch status --watch` shows, at the pace at which it came.
@@ -23,20 +23,22 @@ from probewatch.tools.simulators.whole_cart import CartSettings, NotReady, Simul
 
 PICTURE = Path(__file__).parents[2] / "docs" / "pictures" / "status.svg"
 LARGEST_BYTES = 1_000_000
-"""Of the picture: a page on a slow line waits some seconds for it. Less leaves too few pictures for half a minute."""
+"""Bytes of the picture: a page on a slow line waits some seconds for it. Less leaves too few pictures for half a
+minute."""
 _FAULT = "bend-marker"
 _EVERY_S = 0.5
-"""Between two pictures, s of the cart: a change is seen as it comes. Half of it doubles the file."""
+"""Seconds of the cart between two pictures: a change is seen as it comes. Half of it doubles the file."""
 _STEADY_S = 3.0
-"""For which a state stands before the run goes on, time to read it."""
+"""Seconds for which a state lasts before the run goes on, time to read it."""
 _LEAD_S = 0.3
-"""From an order to its effect, as in the demo's director."""
+"""Seconds from an order to its effect, as in the demo's director."""
 _RATE = 0.25
 """Seconds of the cart per second: a computer that also does other things keeps up. The picture has the cart's pace."""
 _LONGEST_S = 60.0
-"""Of the run, on the cart's clock. A healthy one takes 15 s; a computer that is too busy gets an error, no picture."""
+"""Seconds of the run, on the cart's clock. A healthy one takes 15 s; a computer that is too busy gets an error, no
+picture."""
 _COLUMNS = 96
-"""Of the terminal: two columns of checks fit."""
+"""Columns of the terminal: two columns of checks fit."""
 _NAMES = {
     "before": "the hand makes the gesture",
     "healthy": "every check was shown, the contact is closed",
@@ -44,12 +46,12 @@ _NAMES = {
 }
 _FRAME = "{styles}|||{backgrounds}{matrix}"
 _CELL_PX, _LINE_PX, _MARGIN_PX = 12.2, 24.4, 16.0
-"""Of rich's pictures of a terminal: a character's width, a line's height; and the space about them."""
+"""Pixels in rich's pictures of a terminal: a character's width, a line's height; and the space about them."""
 
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """One status at t_s, seconds of the cart, and what was going on."""
+    """Represents one status at t_s, seconds of the cart, and what was going on."""
 
     t_s: float
     caption: str
@@ -57,7 +59,7 @@ class Look:
 
 
 def run(cart: SimulatedCart) -> Iterator[Look]:
-    """Looks at the cart until it has halted for a while. Raises NotReady when that takes too long."""
+    """Yields looks at the cart until it has halted for a while. Raises NotReady when that takes too long."""
     caption, since_s, last = "before", 0.0, None
     while cart.now_s() < _LONGEST_S:
         cart.require_alive()
@@ -78,10 +80,10 @@ def run(cart: SimulatedCart) -> Iterator[Look]:
 
 
 def film(looks: Sequence[Look]) -> str:
-    """An SVG that shows one look after the other, each for as long as it lasted, again and again.
+    """Returns an SVG that shows one look after the other, each for as long as it lasted, again and again.
 
-    looks: in the order of time. The last one stays for as long as a steady state does. Who asked for less motion, and a
-    program that shows none, sees the last one alone.
+    looks: in the order of time. The last one stays for as long as a steady state does. A viewer who asked for less
+    motion, and a program that shows none, sees the last one alone.
     """
     view = StatusView()
     drawn = [_drawn(look, view) for look in looks]
@@ -97,7 +99,7 @@ def film(looks: Sequence[Look]) -> str:
 
 
 def _drawn(look: Look, view: StatusView) -> tuple[str, int]:
-    """One terminal as SVG, and the number of its lines."""
+    """Returns one terminal as SVG, and the number of its lines."""
     stream = io.StringIO()
     console = Console(record=True, width=_COLUMNS, file=stream, force_terminal=True, highlight=False)
     console.print(Text(f"$ probewatch status --watch      # {look.t_s:.1f} s: {look.caption}", style="dim"))
@@ -111,7 +113,7 @@ def _drawn(look: Look, view: StatusView) -> tuple[str, int]:
 
 
 def _keyframes(number: int, begins: float, ends: float) -> str:
-    """begins, ends: shares of the whole. A picture is seen between them alone."""
+    """Returns the animation that shows a picture between begins and ends alone. begins, ends: shares of the whole."""
     before = "0%{visibility:hidden}" if begins > 0 else ""
     after = "" if ends >= 1 else f"{100 * ends:.2f}%{{visibility:hidden}}"
     return f"<style>@keyframes s{number}{{{before}{100 * begins:.2f}%{{visibility:visible}}{after}}}</style>"
@@ -130,7 +132,7 @@ def _head(width_px: float, height_px: float, whole_s: float) -> str:
 
 
 def main() -> None:
-    """Runs the cart, writes the picture, says its size."""
+    """Runs the cart, writes the picture, and prints its size."""
     with (
         tempfile.TemporaryDirectory(prefix="probewatch-", ignore_cleanup_errors=True) as folder,
         SimulatedCart(Path(folder), CartSettings(rate=_RATE)) as cart,

@@ -14,7 +14,7 @@ PAGES = (_DOCS / "control.md", _DOCS / "monitoring.md")
 
 
 def _fields() -> str:
-    """The table ends with one line break: the end mark stands right below it."""
+    """Returns the table with one line break at its end: the end mark follows right below it."""
     return "\n".join(table(("field", "type", "meaning"), [(f"`{one.name}`", one.type, _told(one)) for one in STATUS]))
 
 
@@ -33,14 +33,14 @@ def _metrics_of_parts(field: Field) -> Iterator[tuple[str, str]]:
 
 
 def _metric(field: Field, inside: str) -> Iterator[tuple[str, str]]:
-    """inside: of which object it is a part, with a full stop."""
+    """Yields the row of a metric. inside: the object of which it is a part, with a full stop."""
     if (metric := field.metric) is not None:
         name = f"probewatch_{metric.name}{'_total' if metric.kind is Kind.COUNTER else ''}"
         yield f"`{name}`", f"`{inside}{field.name}`{_condition(field, metric.kind)}"
 
 
 def _condition(field: Field, kind: Kind) -> str:
-    """Returns of what the metric is 1 where that is not the value of the field itself."""
+    """Returns the condition under which the metric is 1, where that is not the value of the field itself."""
     if kind is Kind.GIVEN:
         return " is not null"
     return " is not empty" if kind is Kind.TRUE and field.type != "bool" else ""
@@ -55,5 +55,5 @@ BLOCKS = PageBlocks("status", lambda name: _TEXTS[name]())
 
 
 def written() -> dict[Path, str]:
-    """Path and content of each page."""
+    """Returns path and content of each page."""
     return {file: BLOCKS.page(file.read_text(encoding="utf-8")) for file in PAGES}

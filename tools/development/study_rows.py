@@ -1,4 +1,4 @@
-"""Rows of a table that `probewatch study` wrote, for the pages that are made of it."""
+"""Reads the rows of a table that `probewatch study` wrote, for the pages that are made of it."""
 
 import csv
 from collections.abc import Collection
@@ -9,9 +9,9 @@ from probewatch.tools.study.summary import Row
 
 
 def study_rows(path: Path, columns: Collection[str], options: str = "") -> list[Row]:
-    """Every row of the table. Raises ConfigurationError where one of the columns is missing.
+    """Returns every row of the table. Raises ConfigurationError where one of the columns is missing.
 
-    options: of `probewatch study`, without which it writes no such columns; for the message.
+    options: those of `probewatch study` without which it writes no such columns; for the message.
     """
     with path.open(encoding="utf-8", newline="") as stream:
         rows = list(csv.DictReader(stream))

@@ -1,7 +1,7 @@
-"""`python -m probewatch.tools.development.vulnerabilities PIP_AUDIT LOCK`: are there known vulnerabilities in what a
-cart runs?
+"""Checks whether there are known vulnerabilities in what a cart runs: `python -m
+probewatch.tools.development.vulnerabilities PIP_AUDIT LOCK`.
 
-pip-audit ends well also where it has reached no database and looked nothing up; that is told as "NOT CHECKED" here.
+pip-audit ends well also where it has reached no database and looked nothing up; that is reported as "NOT CHECKED" here.
 """
 
 import json
@@ -13,11 +13,11 @@ from pathlib import Path
 FOUND, NOT_CHECKED = 1, 2
 """Exit codes beside 0; the second is no verdict."""
 _TIMEOUT_S = 300
-"""For about thirty packages, one question each."""
+"""Seconds for about thirty packages, one query each."""
 
 
 def main(pip_audit: str, lock: Path) -> int:
-    """Says what was found, or that nothing could be; the exit code."""
+    """Prints what was found, or that nothing could be; returns the exit code."""
     with tempfile.TemporaryDirectory() as folder:
         report = Path(folder) / "report.json"
         options = ["--strict", "--no-deps", "--disable-pip", "--require-hashes", "--progress-spinner=off"]
@@ -32,7 +32,9 @@ def main(pip_audit: str, lock: Path) -> int:
 
 
 def judged(report: str, locked: int) -> int:
-    """report: of pip-audit, JSON. locked: how many packages it had to look up."""
+    """Prints what a report shows and returns the exit code. report: that of pip-audit, JSON. locked: number of packages
+    that it had to look up.
+    """
     try:
         parts = json.loads(report)["dependencies"]
         skipped = [str(part["name"]) for part in parts if "skip_reason" in part]
@@ -49,7 +51,7 @@ def judged(report: str, locked: int) -> int:
 
 
 def _locked(lock: Path) -> int:
-    """Packages of the lock file that this interpreter would get; others are for other systems."""
+    """Returns the number of packages of the lock file that this interpreter would get; others are for other systems."""
     lines = [line for line in lock.read_text().splitlines() if "==" in line and not line.startswith((" ", "#"))]
     return sum(";" not in line for line in lines)
 

@@ -1,8 +1,8 @@
-"""`python -m probewatch.tools.development.witness_law`: how often two marker bodies that nobody touched are named, and
-how soon two that were.
+"""Measures how often two marker bodies that nobody touched are named, and how soon two that were: `python -m
+probewatch.tools.development.witness_law`.
 
-The noise of two bodies, hour by hour, under the very windows and thresholds of the detector
-(appliance.core.detectors.witness), many at a time: the tests hold the two against each other.
+It simulates the noise of two bodies, hour by hour, under the very windows and thresholds of the detector
+(appliance.core.detectors.witness), many at a time: the tests compare the two.
 """
 
 import sys
@@ -32,21 +32,24 @@ from probewatch.appliance.limits import Limits
 from probewatch.drivers.rigid import Array
 
 HOURS = 1000
-"""Simulated for each tracker: the promise is one false alarm in as many. More takes longer, less shows less."""
+"""Hours simulated for each tracker: the promise is one false alarm in as many. More takes longer, less shows less."""
 _SESSION_S = 3600
-"""After which the tracker is switched on again, and noise and relative pose are learned anew. Longer: more rarely."""
+"""Seconds after which the tracker is switched on again, and noise and relative pose are learned anew. Longer: more
+rarely."""
 _RADIUS_MM, _LEVER_MM, _MARKERS = 40.0, 80.0, 4
-"""Of the markers around the middle of a body, between the two bodies, and markers of a body: of usual tools."""
+"""Millimetres from the middle of a body to its markers and between the two bodies, and the number of markers of a body:
+those of usual tools."""
 _STEPS = 100
-"""Simulated for each delay."""
+"""Changes simulated for each delay."""
 _PLACE_S = 5.0
-"""In which an error by place changes: a hand goes from one end of the field to the other."""
+"""Seconds in which an error by place changes: a hand goes from one end of the field to the other."""
 
 
 @dataclass(frozen=True, slots=True)
 class Tracker:
-    """marker_mm: standard deviation of a marker along an axis. smooth: share of the last reading in the next.
-    tail: share of readings with ten times the noise. place_mm, place_deg: standard deviation of the error by place.
+    """Describes a tracker. marker_mm: standard deviation of a marker along an axis. smooth: share of the last reading
+    in the next. tail: share of readings with ten times the noise. place_mm, place_deg: standard deviation of the error
+    by place.
     """
 
     name: str
@@ -68,12 +71,14 @@ TRACKERS = (
     Tracker("errs by place, .2 mm and .2 deg", place_mm=0.2, place_deg=0.2),
     Tracker("smooths by .8 and errs by place, .4 mm and .4 deg", smooth=0.8, place_mm=0.4, place_deg=0.4),
 )
-"""Of the promise, then each way in which a tracker is worse by itself; the last in two ways, far beyond what a body of
-usual size shows."""
+"""Trackers of the promise, then each way in which a tracker is worse by itself; the last in two ways, far beyond what a
+body of usual size shows."""
 
 
 def noise(tracker: Tracker, readings: int, rng: np.random.Generator) -> Array:
-    """(readings, 6) of one relative pose against its mean: shift, mm, and turn, deg, in the axes of the first body."""
+    """Returns one relative pose against its mean, (readings, 6): shift, mm, and turn, deg, in the axes of the first
+    body.
+    """
     shift_mm = tracker.marker_mm / np.sqrt(_MARKERS)
     turn_deg = np.rad2deg(tracker.marker_mm / (_RADIUS_MM * np.sqrt(_MARKERS / 2)))
     sizes = np.repeat([shift_mm, turn_deg], 3)
@@ -93,7 +98,9 @@ def noise(tracker: Tracker, readings: int, rng: np.random.Generator) -> Array:
 
 
 def hours_named(tracker: Tracker, hours: int, seed: int = 1) -> tuple[int, float]:
-    """(how many hours named something that was not there, the longest share of a limit that was ever asked for)."""
+    """Returns how many hours named something that was not there, and the largest multiple of a limit that was ever
+    asked for.
+    """
     rng, limits = np.random.default_rng(seed), _limits()
     named, furthest = 0, 0.0
     for _ in range(hours):
@@ -105,7 +112,9 @@ def hours_named(tracker: Tracker, hours: int, seed: int = 1) -> tuple[int, float
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Found:
-    """What each look found. ends: readings until it. named: whether it names one. limits: (looks, 2) where it would."""
+    """Holds what each look found. ends: readings until it. named: whether it names one. limits: (looks, 2) where it
+    would.
+    """
 
     ends: NDArray[np.intp]
     named: NDArray[np.bool_]
@@ -113,8 +122,8 @@ class Found:
 
 
 def session(readings: Array, rate_hz: float, limits: Array) -> Found:
-    """What the detector makes of all readings since it was switched on. Only windows that can name something are
-    computed: a median is beyond c only where half of the readings are.
+    """Returns what the detector makes of all readings since it was switched on. Only windows that can name something
+    are computed: a median is beyond c only where half of the readings are.
     """
     learned = max(LEARN_READINGS, _readings(LEARN_NS, rate_hz) + 1)
     window = readings_of_window(1e9 / rate_hz)
@@ -123,10 +132,12 @@ def session(readings: Array, rate_hz: float, limits: Array) -> Found:
     every = _readings(LOOK_NS, rate_hz)
     ends = np.arange(window, len(rest) + 1, every)
     at = np.arange(0, len(ends), max(1, int(np.ceil(round(WINDOW_NS * rate_hz / 1e9) / every))))
+    # Medians of windows that do not overlap, from which the detector learns noise and relative pose.
     blocks = np.median(rest[ends[at][:, None] + np.arange(-window, 0)], axis=1)
     if len(at) >= SETTLED_BLOCKS:
         rest[ends[at[SETTLED_BLOCKS - 1]] :] -= np.median(blocks[:SETTLED_BLOCKS], axis=0)
     asked = _asked(len(ends), at, blocks, limits, scale)
+    # The length of three rows is beyond a threshold only where one of them is beyond its share, 1 ÷ √3.
     per_row = (asked / np.sqrt(3)).repeat(3, axis=1).min(axis=0)
     beyond = np.zeros((len(rest) + 1, 6), np.int32)
     np.cumsum(np.abs(rest) > per_row, axis=0, out=beyond[1:])
@@ -139,8 +150,8 @@ def session(readings: Array, rate_hz: float, limits: Array) -> Found:
 
 
 def _asked(looks: int, at: NDArray[np.intp], blocks: Array, limits: Array, scale: Array) -> Array:
-    """(looks, 2) thresholds in force at each: as learned at first, then by the windows until then, which end at the
-    looks `at`.
+    """Returns the thresholds in force at each look, (looks, 2): as learned at first, then by the windows until then,
+    which end at the looks `at`.
     """
     asked = np.tile(thresholds(limits, scale, 0), (looks, 1))
     for k in range(FRESH_BLOCKS, len(blocks) + 1, FRESH_BLOCKS):
@@ -151,7 +162,9 @@ def _asked(looks: int, at: NDArray[np.intp], blocks: Array, limits: Array, scale
 
 
 def delays_s(tracker: Tracker, change: Array, seed: int = 2) -> Array:
-    """(_STEPS,) s from a change of (6,) mm and deg until it is named; infinite where it is not within 5 s."""
+    """Returns the seconds, (_STEPS,), from a change of (6,) mm and deg until it is named; infinite where it is not
+    within 5 s.
+    """
     rng, limits = np.random.default_rng(seed), _limits()
     before, after = round(70 * tracker.rate_hz), round(5 * tracker.rate_hz)
     delays = []
@@ -165,7 +178,7 @@ def delays_s(tracker: Tracker, change: Array, seed: int = 2) -> Array:
 
 
 def _readings(span_ns: int, rate_hz: float) -> int:
-    """Periods until at least so long has gone by."""
+    """Returns the number of periods until at least span_ns has gone by."""
     return max(1, int(np.ceil(span_ns * rate_hz / 1e9 - 1e-9)))
 
 
@@ -179,7 +192,7 @@ def _smoothed(values: Array, share: float) -> Array:
 
 
 def rows(hours: int, word: str = "") -> Iterator[str]:
-    """A line for each tracker with that in its name, as soon as it is known."""
+    """Yields a line for each tracker with that word in its name, as soon as it is known."""
     slide, bend = np.array([1.0, 0, 0, 0, 0, 0]), np.array([0, 0, 0, 0, 1.0, 0])
     yield f"{'tracker':52} {'hours':>6} {'named':>6} {'asks':>6}   1 mm: median, 95 %   1 deg: median, 95 %"
     for tracker in (one for one in TRACKERS if word in one.name):
@@ -190,7 +203,7 @@ def rows(hours: int, word: str = "") -> Iterator[str]:
 
 
 def main(arguments: list[str]) -> None:
-    """[HOURS [WORD]]: simulated of each tracker, 1000 unless given, with WORD in its name."""
+    """Simulates each tracker for HOURS of [HOURS [WORD]], 1000 unless given, or only those with WORD in their names."""
     began_s = time.monotonic()
     for row in rows(int(arguments[0]) if arguments else HOURS, *arguments[1:2]):
         print(row, flush=True)

@@ -1,2 +1,3 @@
-"""What others see of a cart from outside: metrics, messages, many carts at once. It reads the status, and asks nothing
-else of the service."""
+"""Provides what others see of a cart from outside: metrics, messages, many carts at once. It reads the status, and asks
+the service for nothing else.
+"""

@@ -1,4 +1,4 @@
-"""The HTTP side of the metrics: few clients at a time, and none that sleeps keeps another out."""
+"""Serves the metrics by HTTP: to few clients at a time, none of which keeps another out by sleeping."""
 
 import contextlib
 import platform
@@ -18,19 +18,17 @@ from probewatch.drivers.printable import printable
 from probewatch.tools.shared.called_host import called, is_address
 
 _MOST = 16
-"""Clients at once, each with a thread. One more ends one that has asked nothing, of the address from which most such
-are here, who came first; where all have asked, or just come, it waits for one that is done, which takes ms. So who asks
-is answered, behind a crowd that asks without pause as well.
-"""
+"""Clients at once, each with a thread. A further one ends a client that has asked nothing: the one that came first from
+the address from which most such clients came. Where all have asked, or have just come, it waits for one that is done,
+which takes ms. So a client that asks is answered even behind a crowd that asks without pause."""
 _WORD_S, _LOOK_S = 0.25, 0.05
-"""For a client to ask before it makes room, and between two looks whether one has not. Shorter ends one on a busy
-computer, longer waits longer behind a crowd that says nothing: 64 of it a second."""
+"""Seconds for a client to ask before it makes room, and between two looks whether one has not. Shorter ends one on a
+busy computer, longer waits longer behind a crowd that sends nothing: 64 of it a second."""
 _ANSWERED_S = 2.0
-"""For one of them to be done: as long as the service may be silent. Then whoever came first is ended."""
+"""Seconds for one of them to be done: as long as the service may be silent. Then the one that came first is ended."""
 _SILENT_S = 5.0
-"""For which a client may say nothing, or not read. Longer lets a sleeper keep its place; a shorter time drops a reader
-behind a bad network. Not measured.
-"""
+"""Seconds for which a client may send nothing, or not read. Longer lets a sleeper keep its place; a shorter time drops
+a reader behind a bad network. Not measured."""
 
 
 _NAMED = 100
@@ -39,7 +37,7 @@ _NAMED = 100
 
 @dataclass(slots=True, eq=False)
 class _Client:
-    """asked: it has sent its whole question."""
+    """Represents a connected client. asked: whether it has sent its whole request."""
 
     address: str
     came_s: float
@@ -48,7 +46,8 @@ class _Client:
 
 class Endpoint(ThreadingHTTPServer):
     """Serves /metrics at (host, port); port 0 takes a free one. text: makes what is served, once for each request.
-    names: other than addresses, by which it may be called, so that no page of another site can read it (DNS rebinding).
+    names: those besides addresses by which it may be called, so that no page of another site can read it (DNS
+    rebinding).
 
     Raises ConfigurationError where nothing can listen there.
     """
@@ -77,7 +76,7 @@ class Endpoint(ThreadingHTTPServer):
         self.server_close()
 
     def process_request(self, request: Any, client_address: Any) -> None:
-        """One that has asked nothing, or is done, makes room."""
+        """Takes a client, for which one that has asked nothing, or is done, makes room."""
         with self._done:
             if len(self._open) >= _MOST:
                 self._make_room()
@@ -101,24 +100,24 @@ class Endpoint(ThreadingHTTPServer):
         _end(leaves)
 
     def note_asked(self, request: socket.socket) -> None:
-        """Note that it has sent its whole question."""
+        """Records that the client has sent its whole request."""
         with self._done:
             if request in self._open:
                 self._open[request].asked = True
 
     def shutdown_request(self, request: Any) -> None:
-        """Note that it has been answered, or ended."""
+        """Records that the client has been answered, or ended."""
         with self._done:
             self._open.pop(request, None)
             self._done.notify()
         super().shutdown_request(request)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """A client that breaks off is not worth a line of the journal."""
+        """Logs nothing: a client that breaks off is not worth a line of the journal."""
 
 
 def _end(link: socket.socket) -> None:
-    """Its thread sees the end and closes it."""
+    """Ends a connection; its thread sees the end and closes it."""
     with contextlib.suppress(OSError):
         link.shutdown(socket.SHUT_RDWR)
 
@@ -129,7 +128,7 @@ class _Handler(BaseHTTPRequestHandler):
     server_version, sys_version = "probewatch", ""
 
     def do_GET(self) -> None:
-        """One answer a connection. Who names no host is no browser."""
+        """Answers once per connection. A client that names no host is not a browser."""
         self.server.note_asked(self.connection)
         host = self.headers.get("Host")
         if host is not None and not (is_address(called(host)) or called(host) in self.server.names):

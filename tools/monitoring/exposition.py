@@ -1,9 +1,9 @@
-"""The status of a service as Prometheus metrics. docs/monitoring.md lists them. Those made of one field are in its row,
-`appliance/service/control/status_fields.py`; those of several, or with labels, are here.
+"""Exposes the status of a service as Prometheus metrics. docs/monitoring.md lists them.
 
-Base units, counters end in _total. What is not known is not there: a metric that is missing says nothing, and none is
-ever older than the status it is made of. `probewatch_contact_closed` is 1 only if the state allows it and every output
-that shows the contact has completed a write that closed it.
+Those made of one field are in its row, `appliance/service/control/status_fields.py`; those of several, or with labels,
+are here. They have base units, and counters end in _total. What is not known is not there: a metric that is missing
+states nothing, and none is ever older than the status of which it is made. `probewatch_contact_closed` is 1 only if the
+state allows it and every output that shows the contact has completed a write that closed it.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -32,23 +32,25 @@ SHOWN = ("polarity", "latency", *PARAMETERS)
 """Checks that only motion can show: their coverage is worth watching."""
 _PLACES = {"worst": "worst_mm", "median": "median_mm", "depth": "at_depth_mm"}
 _SHARES = tuple(f"{level:g}" for level in POINT_LEVELS)
-"""For which the two bounds of a place hold."""
+"""Shares for which the two bounds of a place hold."""
 _DEVICES = ("video", "tracker", "output")
 
 
 def contact_closed(status: Status) -> bool:
-    """Whether the calibration may be relied on: the state says so, and no output is known to be late or lost."""
+    """Returns whether the calibration may be relied on: the state allows it, and no output is known to be late or
+    lost.
+    """
     contacts = [output for output in status["outputs"] if output["signal"] == Role.CONTACT.value]
     return status["energised"] is True and bool(contacts) and all(output["energised"] is True for output in contacts)
 
 
 def silent(now_s: float) -> list[Metric]:
-    """The metrics of a service that does not answer: nothing but that. now_s: s since 1970."""
+    """Returns the metrics of a service that does not answer: nothing but that. now_s: s since 1970."""
     return [_up(0), _gauge("exposition_timestamp_seconds", "When this was asked, since 1970", now_s)]
 
 
 def families(status: Status, now_s: float) -> list[Metric]:
-    """All metrics of one status. Raises KeyError, TypeError, ValueError for one of another version.
+    """Returns all metrics of one status. Raises KeyError, TypeError, ValueError for one of another version.
 
     now_s: when it was asked, s since 1970.
     """
@@ -62,7 +64,7 @@ def _up(value: int) -> Metric:
 
 
 def _gauge(name: str, what: str, value: float | None) -> Metric:
-    """A gauge, without a sample where the value is None."""
+    """Returns a gauge, without a sample where the value is None."""
     metric = GaugeMetricFamily(f"probewatch_{name}", what)
     if value is not None:
         metric.add_metric([], float(value))
@@ -93,7 +95,7 @@ def _histogram(name: str, what: str, labels: Sequence[str]) -> HistogramMetricFa
 
 
 def _observe(metric: HistogramMetricFamily, labels: Sequence[str], delays: Status) -> None:
-    """delays: a histogram of the status, in ms."""
+    """Adds a histogram. delays: a histogram of the status, in ms."""
     bounds = [f"{float(bound_ms) / 1e3:g}" for bound_ms in delays["le_ms"]] + ["+Inf"]
     counts = [float(count) for count in accumulate(delays["counts"])]
     metric.add_metric(labels, list(zip(bounds, counts, strict=True)), float(delays["sum_ms"]) / 1e3)
@@ -111,7 +113,7 @@ def _of_one_field(fields: Sequence[Field], holder: Status) -> Iterator[Metric]:
 
 
 def _made(row: Row, value: Any) -> Metric:
-    """value: of the row's field."""
+    """Returns the metric of a row. value: that of the row's field."""
     if row.kind is Kind.COUNTER:
         return _counter(row.name, row.help, value)
     flags = {Kind.TRUE: bool(value), Kind.GIVEN: value is not None}
@@ -136,7 +138,9 @@ def _state(status: Status) -> Iterator[Metric]:
 
 
 def _checks(status: Status) -> Iterator[Metric]:
-    """Those of the line are gone while the estimator does not speak; then no parameter is shown."""
+    """Yields the metrics of the checks. Those of the line are gone while the estimator is silent; then no parameter is
+    shown.
+    """
     line = {check["name"]: check for check in status["checks"]}
     checks = {**line, **{check["name"]: check for check in status["devices"]}}
     ratios = {name: check["ratio"] for name, check in checks.items()}
@@ -170,7 +174,9 @@ def _point(status: Status) -> Iterator[Metric]:
 
 
 def _shown_now(check: Mapping[str, Any]) -> bool:
-    """`shown` is null where the contact does not ask for the parameter; then the verdict decides."""
+    """Returns whether the present motion shows the parameter: `shown` is null where the contact does not ask for it;
+    then the verdict decides.
+    """
     return bool(check["verdict"] == "OK" and check.get("shown") in (None, "verified"))
 
 
@@ -188,7 +194,7 @@ def _samples(status: Status) -> Iterator[Metric]:
 
 
 def _outputs(status: Status) -> Iterator[Metric]:
-    """Outputs by their place in the configuration, from 1 on."""
+    """Yields the metrics of the outputs by their place in the configuration, from 1 on."""
     labels = ["output", "signal"]
     energised = GaugeMetricFamily("probewatch_output_energised", "1: written last, 0: the other", labels=labels)
     writes = CounterMetricFamily("probewatch_output_writes", "Completed writes", labels=labels)

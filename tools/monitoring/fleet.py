@@ -1,4 +1,4 @@
-"""Many carts at once, as a Prometheus knows them: what each needs, from its metrics."""
+"""Reports what each of many carts needs, from its metrics as a Prometheus has them."""
 
 import json
 import threading
@@ -15,18 +15,17 @@ from probewatch.drivers.errors import ConfigurationError, DeviceLost, system_wor
 from probewatch.drivers.printable import printable
 
 _TIMEOUT_S = 10.0
-"""For which one answer may take, the whole of it: a question about a hundred carts takes ms, one that hangs or drips
-never answers.
-"""
+"""Seconds that one whole answer may take: a query about a hundred carts takes ms, one that hangs or sends byte by byte
+never answers."""
 _MOST_BYTES = 16_000_000
-"""Of one answer. A cart takes about 2 kB of it; what is larger is no answer to this question."""
+"""Bytes of one answer. A cart takes about 2 kB of it; what is larger is not an answer to this query."""
 DRIFTING = 0.7
 """Share of a limit, as the rule ProbewatchDrifting has it: nearer is reported while there is time to look at the
 clamp."""
 _WELL_KNOWN = 0.15
-"""Sigma of the value, as a share of the limit, from which its mean says nothing of a drift; the same rule has it."""
+"""Sigma of the value, as a share of the limit, from which its mean shows nothing of a drift; the same rule has it."""
 DUE_SOON_S = 14 * 86400.0
-"""Two weeks: time enough to find a day for a periodic check, as the rule ProbewatchReferenceDue has it."""
+"""Seconds, two weeks: time enough to find a day for a periodic check, as the rule ProbewatchReferenceDue has it."""
 
 _DRIFT = (
     "max by (instance, check) ("
@@ -48,12 +47,12 @@ _QUERIES = {
 
 @dataclass(frozen=True, slots=True)
 class CartReport:
-    """needs: what somebody should look at, worst first; empty where all is well.
+    """Reports on one cart. needs: what somebody should look at, worst first; empty where all is well.
 
-    instance: where Prometheus scrapes it; cart: the label of that name in its configuration, else the instance.
-    state: None where it is not known. closed: the contact, None where it is not known. age_s: of the verification.
-    drift: largest mean share of a limit, drifting: the check that has it. due_s: until the calibration is due, negative
-    when that is over. reference: its number.
+    instance: where Prometheus scrapes it. cart: the label of that name in its configuration, else the instance. state:
+    None where it is not known. closed: whether the contact is, None where it is not known. age_s: that of the
+    verification. drift: largest mean share of a limit; drifting: the check that has it. due_s: seconds until the
+    calibration is due, negative when that is over. reference: its number.
     """
 
     cart: str
@@ -69,13 +68,13 @@ class CartReport:
     reference: str | None = None
 
     def fields(self) -> dict[str, Any]:
-        """Fields for JSON."""
+        """Returns the fields for JSON."""
         return {**asdict(self), "needs": list(self.needs)}
 
 
 @dataclass(slots=True)
 class _Seen:
-    """What was seen of one cart: (labels, value) under the names of _QUERIES."""
+    """Holds what was seen of one cart: (labels, value) under the names of _QUERIES."""
 
     said: dict[str, list[tuple[Mapping[str, str], float]]] = field(default_factory=dict)
 
@@ -87,9 +86,10 @@ class _Seen:
 
 
 def reports(base: str, job: str, over: str) -> list[CartReport]:
-    """All carts that this Prometheus knows, by name. base: its URL. job: of its configuration. over: span of the drift.
+    """Returns all carts that this Prometheus knows, by name. base: its URL. job: that of its configuration. over: span
+    of the drift.
 
-    Raises ConfigurationError for a URL that is none, DeviceLost where no Prometheus answers.
+    Raises ConfigurationError for an invalid URL, DeviceLost where no Prometheus answers.
     """
     carts: dict[str, _Seen] = {}
     for name, query in _QUERIES.items():
@@ -138,7 +138,7 @@ def _needs(cart: CartReport) -> Iterable[str]:
 
 
 def _asked(base: str, query: str) -> list[tuple[Mapping[str, str], float]]:
-    """(labels, value) of each series of an instant query."""
+    """Returns (labels, value) of each series of an instant query."""
     url = f"{base.rstrip('/')}/api/v1/query"
     body = urllib.parse.urlencode({"query": query}).encode()
     try:
@@ -155,8 +155,8 @@ def _asked(base: str, query: str) -> list[tuple[Mapping[str, str], float]]:
 
 
 def _answer(question: urllib.request.Request) -> bytes:
-    """Asked in a thread that is left behind where it hangs: urllib's own deadline begins anew with every byte, and the
-    name has none. Raises OSError, HTTPException, ValueError.
+    """Asks in a thread that is left behind where it hangs: urllib's own timeout starts again with every byte, and the
+    name lookup has none. Raises OSError, HTTPException, ValueError.
     """
     answer: Future[bytes] = Future()
     threading.Thread(target=_ask, args=(question, answer), name="question", daemon=True).start()
@@ -177,7 +177,7 @@ def _ask(question: urllib.request.Request, answer: "Future[bytes]") -> None:
 
 
 def _series(base: str, content: bytes) -> list[tuple[Mapping[str, str], float]]:
-    """Raises DeviceLost for what is no answer."""
+    """Returns (labels, value) of each series of an answer. Raises DeviceLost for what is not an answer."""
     try:
         if len(content) > _MOST_BYTES:
             raise ValueError("it is too long")

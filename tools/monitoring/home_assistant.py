@@ -1,10 +1,12 @@
-"""What Home Assistant must be sent so that a cart appears there by itself: MQTT discovery, one message an entity."""
+"""Makes what Home Assistant must be sent so that a cart appears there by itself: MQTT discovery, one message an
+entity.
+"""
 
 import re
 from typing import Any
 
 _EXPIRE_S = 60
-"""After which a value that was not sent again counts as unknown: four times as long as the publisher repeats it."""
+"""Seconds after which a value that was not sent again counts as unknown: four times the publisher's repeat interval."""
 _LONGEST = 255
 """Characters of a state in Home Assistant; a longer one, such as of several notices, counts as unknown there."""
 
@@ -55,8 +57,8 @@ _ENTITIES: dict[str, tuple[str, dict[str, Any]]] = {
 
 
 def discovery(cart: str, state: str, available: str, prefix: str) -> dict[str, dict[str, Any]]:
-    """Topic → configuration. state, available: topics of the cart, whose name may have several levels; those of Home
-    Assistant take a name of one. prefix: of Home Assistant's own topics.
+    """Returns topic → configuration. state, available: topics of the cart, whose name may have several levels; those of
+    Home Assistant take a name of one. prefix: that of Home Assistant's own topics.
     """
     node = _node(cart)
     device = {"identifiers": [f"probewatch_{node}"], "name": f"probewatch {cart}", "manufacturer": "probewatch"}
@@ -72,7 +74,7 @@ def discovery(cart: str, state: str, available: str, prefix: str) -> dict[str, d
 
 
 def _node(cart: str) -> str:
-    """The cart's name as one level, of letters, digits, - and _, that no other cart has: a level ends in __, and a _
-    before _, - or the end of a level is _-.
+    """Returns the cart's name as one level, of letters, digits, - and _, that no other cart has: a level ends in __,
+    and a _ before _, - or the end of a level is _-.
     """
     return re.sub("_(?=[_/-])", "_-", cart).replace("/", "__")

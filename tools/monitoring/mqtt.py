@@ -1,8 +1,8 @@
-"""The state of a cart on an MQTT broker: retained, with a last will, so that who comes later knows it, and who looks on
-learns that nobody tells it any more.
+"""Publishes the state of a cart on an MQTT broker: retained, so that a later client knows it, and with a last will, so
+that a client learns when nothing publishes it any more.
 
-Nothing is subscribed to, so a broker has nothing to say but short answers; one that says more is left, and so is one
-that acknowledges nothing or, by MQTT 5, refuses the state. A broker that vanishes is said once and tried again; the
+It subscribes to nothing, so a broker has nothing to send but short answers; one that sends more is left, and so is one
+that acknowledges nothing or, by MQTT 5, refuses the state. A broker that vanishes is reported once and tried again; the
 service knows nothing of it.
 """
 
@@ -37,36 +37,36 @@ from probewatch.tools.monitoring.mqtt_client import TellingClient
 
 _PORTS = {"mqtt": 1883, "mqtts": 8883}  # registered with IANA
 _KEEPALIVE_S = 10
-"""The broker publishes the last will after one and a half of it: how long a dead cart may look alive, against
-traffic."""
+"""Seconds. The broker publishes the last will after one and a half of it: more lets a dead cart look alive for longer,
+less makes more traffic."""
 _CONNECT_S = 5.0
-"""For which a broker may take to accept. Longer finds a slow one, shorter is sooner at the next try. Not measured."""
+"""Seconds for a broker to accept. Longer finds a slow one, shorter is sooner at the next try. Not measured."""
 _FIRST_WAIT_S, _LONGEST_WAIT_S = 1.0, 30.0
-"""Before the next try, doubled each time until one has lasted for the longest: how late a broker that is back is
-noticed, against knocking on its door."""
+"""Seconds before the next try, doubled each time until a connection has lasted for the longest. More notices later that
+a broker is back, less tries to connect more often."""
 _LOOK_S = 1.0
-"""Between two looks at the service. Shorter publishes a change sooner, and takes an answer of the service each time."""
+"""Seconds between two looks at the service. Shorter publishes a change sooner, and asks the service more often."""
 _REPEAT_S = 15.0
-"""After which the state is published again though it is the same, so that who looks on may call a silence one."""
+"""Seconds after which the state is published again though it is the same, so that a client can recognise a silence."""
 _EXPIRES_S = 45
-"""After which the broker forgets the state, and `online`, unless it is told again: how long both outlive a power cut of
-cart and broker, which leaves no last will. Shorter takes them from who comes later to a cart whose network is slow."""
+"""Seconds until the broker forgets the state, and `online`, if not sent again: how long both outlive a power cut of
+cart and broker, which leaves no last will. Shorter takes them from later clients of a cart with a slow network."""
 _ACKNOWLEDGED_S = 10.0
-"""For which a broker may take to acknowledge a message, as long as for a sign of life. One that never does may have
-kept nothing; the library holds 20 of its messages and sends no more. Longer has a slow network succeed, shorter is told
-sooner. Not measured."""
+"""Seconds that a broker may take to acknowledge a message, as long as for a sign of life. One that never does may have
+kept nothing; the library holds 20 of its messages and sends no more. Longer has a slow network succeed, shorter is
+reported sooner. Not measured."""
 _GOODBYE_S = 2.0
-"""For which the last message may take at the end."""
+"""Seconds that the last message may take at the end."""
 _MOST_QUEUED = 100
 """Messages for a broker that does not take them: more is memory for what is old already."""
 _IN_THE_CLEAR = ("WRONG_VERSION_NUMBER", "UNEXPECTED_EOF_WHILE_READING")
 """Reasons of OpenSSL where the other side does not speak TLS."""
 _NO_REASON = "Unspecified error"
-"""What the library says where the other side closes without a word."""
+"""Text of the library where the other side closes without a reason."""
 _TOO_OLD, _TAKEN_OVER = "Unsupported protocol version", "Session taken over"
 _SILENT = "it does not answer"
 _OLDER = ", by MQTT 3.1.1, which neither refuses nor forgets a message; use a broker with MQTT 5"
-"""What the journal says of a broker that knows no newer version."""
+"""Text in the journal on a broker that knows no newer version."""
 _TOO_LARGE, _RAISE = "Packet too large", "; raise its limit of a message"
 _REMEDIES = {"Quota exceeded": _RAISE, _TOO_LARGE: _RAISE, "Not authorized": "; let this user write that topic"}
 _OTHERS = stat.S_IROTH | stat.S_IWOTH
@@ -79,7 +79,7 @@ Say = Callable[[str], None]
 
 @dataclass(frozen=True, slots=True)
 class Broker:
-    """Address of the broker, and the account there. tls: None without encryption. password: None without one."""
+    """Holds the address of the broker, and the account. tls: None without encryption. password: None without one."""
 
     host: str
     port: int
@@ -91,7 +91,7 @@ class Broker:
 def broker_of(
     url: str, user: str | None, password_file: Path | None, ca: Path | None, certificate: Path | None, key: Path | None
 ) -> Broker:
-    """mqtt://HOST[:PORT] or mqtts://HOST[:PORT]. Raises ConfigurationError, also for a password in the clear."""
+    """Parses mqtt://HOST[:PORT] or mqtts://HOST[:PORT]. Raises ConfigurationError, also for a password in the clear."""
     try:
         parts = urlsplit(url)
         port = parts.port or _PORTS.get(parts.scheme)
@@ -132,7 +132,7 @@ def _password(file: Path) -> str:
 
 
 def _tls(ca: Path | None, certificate: Path | None, key: Path | None) -> ssl.SSLContext:
-    """TLS for a broker whose name its certificate must bear. ca: None for the system's authorities."""
+    """Returns TLS for a broker whose name its certificate must bear. ca: None for the system's authorities."""
     where = ", ".join(str(file) for file in (ca, certificate, key) if file is not None)
     try:
         context = ssl.create_default_context(cafile=None if ca is None else str(ca))
@@ -144,7 +144,7 @@ def _tls(ca: Path | None, certificate: Path | None, key: Path | None) -> ssl.SSL
 
 
 def message(status: Status | None) -> dict[str, Any]:
-    """What is published of a service; of one that does not answer, or is of another version, nothing but that."""
+    """Returns what is published of a service; of one that is silent, or of another version, nothing but that."""
     try:
         return {"up": False, "verified": False, "alarm": None} if status is None else _message_of(status)
     except (KeyError, TypeError, ValueError):
@@ -165,8 +165,8 @@ def _message_of(status: Status) -> dict[str, Any]:
 
 
 class Publisher:
-    """cart: its name in the topics. read: the status, None where there is none. say: for the journal. prefix: of the
-    topics. discovery_prefix: of Home Assistant, empty where nobody wants it.
+    """Publishes one cart's state. cart: its name in the topics. read: the status, None where there is none. say: writes
+    to the journal. prefix: that of the topics. discovery_prefix: that of Home Assistant, empty where it is not wanted.
     """
 
     def __init__(
@@ -180,14 +180,14 @@ class Publisher:
         self._trouble: str | None = None
         self._said_well = False
         self._unwanted = False
-        self._waiting: deque[tuple[float, str]] = deque()  # when each message was sent that is not acknowledged yet
+        self._waiting: deque[tuple[float, str]] = deque()  # time and topic of each message not acknowledged yet
         self._answered, self._unkept = threading.Event(), threading.Event()
         self._too_old, self._accepted_s = False, 0.0
         self._name = f"probewatch-{cart}"
         self._client = self._make_client(MQTTProtocolVersion.MQTTv5)
 
     def run(self, stop: threading.Event) -> None:
-        """Publish until stopped; then the cart is published as offline."""
+        """Publishes until stopped; then the cart is published as offline."""
         wait_s = _FIRST_WAIT_S
         while not stop.is_set():
             if self._connect():
@@ -234,7 +234,7 @@ class Publisher:
         self._gone.set()
 
     def _note_acknowledged(self, _client: Client, _data: Any, _number: Any, reason: Any, _properties: Any) -> None:
-        """MQTT has a broker acknowledge in the order of the messages; in version 5 it says what it does not keep."""
+        """Takes an acknowledgement; MQTT sends them in order of the messages, and version 5 states what is not kept."""
         topic = self._waiting.popleft()[1] if self._waiting else ""
         if reason.is_failure:
             self._note_refused(topic, printable(str(reason)))
@@ -250,7 +250,7 @@ class Publisher:
             self._say(f"the broker refuses {topic} ({words}){_REMEDIES.get(words, '')}; or give --discovery ''")
 
     def _connect(self) -> bool:
-        """Whether the broker has accepted this cart, in the older version of MQTT where it knows no other."""
+        """Returns whether the broker has accepted this cart, in the older version of MQTT where it knows no other."""
         accepted = self._try(MQTTProtocolVersion.MQTTv5)
         if accepted or not self._too_old:
             return accepted
@@ -262,7 +262,7 @@ class Publisher:
         return accepted
 
     def _try(self, version: MQTTProtocolVersion) -> bool:
-        """A client of its own each time: what the last one could not deliver is old."""
+        """Connects with a new client each time, because what the last one could not deliver is old."""
         self._client = self._make_client(version)
         for event in (self._connected, self._gone, self._answered, self._unkept):
             event.clear()
@@ -276,12 +276,12 @@ class Publisher:
         self._client.loop_start()
         end_s = time.monotonic() + _CONNECT_S
         while not self._gone.is_set() and time.monotonic() < end_s:
-            if self._connected.wait(0.05):  # a refusal is seen as soon as that
+            if self._connected.wait(0.05):  # so a refusal is seen within that time
                 return True
         return False
 
     def _words_of(self, error: OSError | ValueError) -> str:
-        """The words of an error without its number; a port that speaks no TLS breaks off, or answers in the clear."""
+        """Returns the words of an error without its number; a port without TLS breaks off, or answers in the clear."""
         said = printable(system_words(error))
         plain = self._broker.tls is not None and isinstance(error, ConnectionResetError | ssl.SSLEOFError)
         plain |= isinstance(error, ssl.SSLError) and error.reason in _IN_THE_CLEAR
@@ -290,7 +290,7 @@ class Publisher:
         return f"{said}; is it a port for mqtts://?" if plain else said
 
     def _words_of_leaving(self, reason: str) -> str:
-        """A port that speaks TLS breaks off before it has accepted who is in the clear, or has no good certificate."""
+        """Returns why it left: a port with TLS breaks off a client in the clear, or without a good certificate."""
         if not self._connected.is_set() and (self._broker.tls is None or reason == _NO_REASON):
             hint = "is it a port for mqtts://?" if self._broker.tls is None else "does it ask for a --certificate?"
             return f"it breaks off before it accepts this cart; {hint}"
@@ -301,8 +301,8 @@ class Publisher:
         return f"it has closed the connection{other * is_short}"
 
     def _publish_until_lost(self, stop: threading.Event) -> None:
-        """The state first, and `online` when it is kept: what the broker has of before is not to be believed, and it
-        may have `online` of a connection that this one has displaced.
+        """Publishes the state first, and `online` when it is kept: what the broker has from before is not to be
+        trusted, and it may have `online` from a connection that this one has displaced.
         """
         if self._trouble is None:
             self._say_well()
@@ -333,14 +333,14 @@ class Publisher:
         return self._publish(self._state, json.dumps({**now, "utc": utc}, ensure_ascii=False), _EXPIRES_S)
 
     def _wait(self, stop: threading.Event, until_answered: bool) -> None:
-        """Wait until the next look; neither the end is kept waiting, nor who waits for the first answer."""
+        """Waits until the next look, but not past the end or the first answer that is waited for."""
         end_s = time.monotonic() + _LOOK_S
         while time.monotonic() < end_s and not (self._gone.is_set() or self._unkept.is_set() or stop.wait(0.05)):
             if until_answered and self._answered.is_set():
                 return
 
     def _leave_who_keeps_nothing(self) -> None:
-        """Break off without a goodbye, so that the broker publishes the last will if it is able to. One that refuses
+        """Breaks off without a goodbye, so that the broker publishes the last will if it is able to. One that refuses
         the state may keep the short one that claims nothing, in place of the one before.
         """
         waiting_s = self._waiting[0][0] if self._waiting else None
@@ -358,8 +358,8 @@ class Publisher:
             self._gone.wait(_GOODBYE_S)
 
     def _publish(self, topic: str, payload: str, expires_s: int | None = None) -> MQTTMessageInfo | None:
-        """expires_s: after which the broker forgets it, where it knows how to; None for never. Returns None where it is
-        too large.
+        """Publishes a message. expires_s: when the broker forgets it, where it can; None for never. Returns None where
+        it is too large.
         """
         if not self._client.takes(topic, payload):
             self._note_refused(topic, _TOO_LARGE)
@@ -386,7 +386,7 @@ class Publisher:
         self._client.loop_stop()
 
     def _say_trouble(self, why: str) -> None:
-        """Say once, while it lasts, that it is away, whatever the network says of it, or that it refuses this cart."""
+        """Reports once, while it lasts, that the broker is away, for whatever reason, or that it refuses this cart."""
         kind = "refused" if self._refused else "away"
         if self._trouble != kind:
             self._say(f"no broker at {self._broker.host}:{self._broker.port}: {why}; trying again")

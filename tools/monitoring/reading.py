@@ -1,4 +1,4 @@
-"""Reading the status for others: one question at a time, and an answer that is never older than what was asked."""
+"""Reads the status for others: one query at a time, and an answer that is never older than the query."""
 
 import threading
 import time
@@ -12,13 +12,12 @@ from probewatch.drivers.errors import ProbewatchError
 from probewatch.tools.monitoring.exposition import Status, families, silent
 
 TIMEOUT_S = 2.0
-"""For which the service may be silent: it answers within a tick of 0.05 s. Prometheus gives up after 10 s by default;
-this must be less, so that it hears that the service is away.
-"""
+"""Seconds for which the service may be silent: it answers within a tick of 0.05 s. Prometheus gives up after 10 s by
+default; this must be less, so that it learns that the service is away."""
 
 
 def read_status(socket: Path) -> Status | None:
-    """Returns the status; None where no service answers within TIMEOUT_S, or the answer is no status."""
+    """Returns the status; None where no service answers within TIMEOUT_S, or the answer is not a status."""
     try:
         with ControlClient(socket, TIMEOUT_S) as client:
             return client.status()
@@ -27,7 +26,9 @@ def read_status(socket: Path) -> Status | None:
 
 
 class Exposition(Collector):
-    """socket: of the service. Whoever asks while another's question is under way shares the next answer."""
+    """Collects the metrics. socket: that of the service. A caller that asks while another's query is under way shares
+    the next answer.
+    """
 
     def __init__(self, socket: Path) -> None:
         self._socket = socket
@@ -36,7 +37,7 @@ class Exposition(Collector):
         self._found: list[Metric] = []
 
     def collect(self) -> list[Metric]:
-        """All metrics, or that the service is silent."""
+        """Returns all metrics, or that the service is silent."""
         came_s = time.monotonic()
         with self._lock:
             if self._asked_s < came_s:
@@ -49,14 +50,16 @@ class Exposition(Collector):
         return []
 
     def text(self) -> bytes:
-        """The text format 0.0.4, which every reader of metrics understands."""
+        """Returns the text format 0.0.4, which every reader of metrics understands."""
         registry = CollectorRegistry()
         registry.register(self)
         return generate_latest(registry)
 
 
 def found(status: Status | None, now_s: float) -> list[Metric]:
-    """A status of another version counts as none: half of it would look as if the rest were well."""
+    """Returns the metrics of a status. One of another version counts as none: half of it would look as if the rest were
+    well.
+    """
     if status is None:
         return silent(now_s)
     try:

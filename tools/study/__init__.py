@@ -1,1 +1,1 @@
-"""What `probewatch study` is made of: sessions, hazards, one run, bounds, the table and its page."""
+"""Implements `probewatch study`: sessions, hazards, one run, bounds, the table and its page."""

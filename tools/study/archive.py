@@ -1,4 +1,4 @@
-"""Runs the line over real recordings, a row of the study's table for each; their truth is not known."""
+"""Runs the line over real recordings, and makes a row of the study's table for each; their truth is not known."""
 
 import hashlib
 from collections.abc import Mapping
@@ -24,7 +24,7 @@ from probewatch.tools.study.outcome import cell, closed_share
 from probewatch.tools.study.store import NotFetchedError, fetched, state_of
 
 NOT_FETCHED = "not fetched"
-"""How the error of a recording begins that did not come."""
+"""Beginning of the error of a recording that could not be fetched."""
 ARCHIVE_KEYS = ("recording",)
 """Columns that name a row."""
 CALIBRATION = "calibration_sha256"
@@ -33,17 +33,17 @@ CALIBRATION = "calibration_sha256"
 NAMES = "names"
 """Column with the tools and the orientation that were named where the file does not state them."""
 CONTENT, STATE = "recording_sha256", "recording_state"
-"""Columns with the content that was judged, of several files one behind the other, and with size and time of them, or
-what their store says: by these a row is known to be of what lies there now."""
+"""Columns with the content that was judged (of several files in order), and with their size and time, or what their
+store reports: these show whether a row was made of what is stored now."""
 
 
 @dataclass(frozen=True)
 class ArchiveTask:
-    """One recording, and the calibration of its probe: None for a black box, which has its own.
+    """Describes one recording, and the calibration of its probe: None for a black box, which has its own.
 
     recording: a path, or what names a recording of a store in the table. parts: the files of a black box. probe,
-    reference, orientation: as open_recording takes them. urls: of its files, where they lie in a store. content: of the
-    calibration's file, for workers that cannot read it themselves.
+    reference, orientation: as open_recording takes them. urls: those of its files, where they lie in a store. content:
+    that of the calibration's file, for workers that cannot read it themselves.
     """
 
     recording: Path | str
@@ -58,31 +58,33 @@ class ArchiveTask:
 
     @property
     def judged_by(self) -> str:
-        """SHA-256 of the calibration's file, empty without one."""
+        """Returns the SHA-256 of the calibration's file, empty without one."""
         return "" if self.content is None else hashlib.sha256(self.content).hexdigest()
 
     @property
     def names(self) -> str:
-        """What was named for it, as a row has it; empty for a black box."""
+        """Returns what was named for it, as a row has it; empty for a black box."""
         named = {"probe": self.probe, "reference": self.reference, "orientation": self.orientation}
         is_box = self.parts or str(self.recording).endswith(".mcap")
         return "" if is_box else " ".join(f"{name}={value}" for name, value in named.items() if value is not None)
 
     @property
     def files(self) -> tuple[Path, ...]:
-        """All files of a recording on this computer."""
+        """Returns all files of a recording on this computer."""
         return self.parts or with_pictures(Path(self.recording))
 
     @property
     def state(self) -> str:
-        """Size and time of the files now, or what their store says; empty where neither is known."""
+        """Returns size and time of the files now, or what their store reports; empty where neither is known."""
         try:
             return state_of(self.urls) if self.urls else files_state(self.files)
         except RecordingError:
             return ""
 
     def is_of(self, row: Mapping[str, str]) -> bool:
-        """Whether the row was made of the content that the recording has now. What cannot be told is taken for it."""
+        """Returns whether the row was made of the content that the recording has now. Where that cannot be determined,
+        it is assumed.
+        """
         state = self.state
         if not state or state == row[STATE]:
             return True
@@ -91,8 +93,8 @@ class ArchiveTask:
         return not self.urls and files_sha256(self.files) == row[CONTENT]
 
     def rows(self) -> list[dict[str, str]]:
-        """One row; what cannot be used has its error in it, so that the rest of an archive goes on. NOT_FETCHED begins
-        one that may be gone another time.
+        """Returns one row; a recording that cannot be used has its error in it, so that the rest of an archive goes on.
+        An error that may be gone another time begins with NOT_FETCHED.
         """
         row = {"recording": str(self.recording), **dict.fromkeys(_COLUMNS, ""), CALIBRATION: self.judged_by}
         row[STATE], row[NAMES] = self.state, self.names
@@ -111,7 +113,7 @@ class ArchiveTask:
             return [row | {"error": f"not judged, which is a defect of probewatch: {type(error).__name__}: {error}"}]
 
     def _of(self, files: tuple[Path, ...]) -> "ArchiveTask":
-        """The same of copies on this computer."""
+        """Returns the same task for copies on this computer."""
         boxes = files if all(is_box(file) for file in files) else ()
         return replace(self, recording=files[0], parts=boxes, urls=())
 
@@ -162,7 +164,7 @@ class ArchiveTask:
         return report, changes, session, None
 
     def _series(self) -> Series:
-        """Raises RecordingError where the files are of several runs."""
+        """Returns the series of the files. Raises RecordingError where they are of several runs."""
         found = series_of(BlackBox(path) for path in self.parts)
         if len(found) != 1:
             raise RecordingError(f"its files are of {len(found)} runs", str(self.recording), "Name them one by one")
@@ -170,7 +172,7 @@ class ArchiveTask:
 
 
 def archive_table(rows: list[dict[str, str]]) -> FittingTable:
-    """Table for the terminal. The last column says why a recording could not be judged."""
+    """Returns the table for the terminal. The last column gives the reason why a recording could not be judged."""
     heads = ("recording", "verdict", "fault", "closed", "not shown", "as live", "why")
     cells = [
         (Path(row["recording"]).name, row["verdict"] or "not usable", row["fault"] or NOTHING,
@@ -182,7 +184,9 @@ def archive_table(rows: list[dict[str, str]]) -> FittingTable:
 
 
 def _few(row: dict[str, str]) -> str:
-    """The reason of the verdict where it is that most pictures have no pose; what was not shown says little then."""
+    """Returns the reason of the verdict where it is that most pictures have no pose; what was not shown means little
+    then.
+    """
     return row["reason"] if 2 * int(row["paired"] or 0) < int(row["frames"] or 0) else ""
 
 

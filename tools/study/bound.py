@@ -1,8 +1,8 @@
-"""Cramér–Rao bounds: how well a session's motion can show each parameter at all.
+"""Computes Cramér–Rao bounds: how well a session's motion can show each parameter at all.
 
-By central differences of what tracker and picture would say, apart from the solver's own derivatives: measured less
-predicted steps of the picture's middle and turn, white tracker noise on an offset of each chain, and the random walk
-that leaving the plane adds (docs/method.md, equations 15 and 20).
+It uses central differences of what tracker and picture would report, independently of the solver's own derivatives:
+measured less predicted steps of the picture's middle and turn, white tracker noise on an offset of each chain, and the
+random walk that leaving the plane adds (docs/method.md, equations 15 and 20).
 """
 
 from functools import lru_cache
@@ -16,24 +16,25 @@ from probewatch.drivers.rigid import Array, ComplexArray, inverse, rigid, rotati
 from probewatch.tools.study.session import FPS, Session, picture_path, steps_between
 
 BOUND_S = 30.0
-"""Of motion: as long as a verification lasts, so what it cannot show is not to be had."""
+"""Seconds of motion: as long as a verification lasts, so what it cannot show cannot be known."""
 FALSE_ALARM_H = 1000.0
-"""Mean time between two false alarms of the test whose least delay is given; longer makes it surer, and so later."""
+"""Hours: mean time between two false alarms of the test whose least delay is given; longer makes it surer, and so
+later."""
 LN_A = log(FALSE_ALARM_H * 3600 * FPS)
-"""What the log-likelihood ratio must reach for that (Shiryaev and Roberts), about 18.5."""
+"""Value that the log-likelihood ratio must reach for that (Shiryaev and Roberts), about 18.5."""
 _WALK_MM2_PER_MM = 0.002
-"""Measured on tissue; .01 to .1 on wires in water (the drift of a path per mm out of the plane)."""
+"""Drift of a path per mm out of the plane, mm², measured on tissue; .01 to .1 on wires in water."""
 _TURN_WALK_DEG = 0.02
 _CHAIN_WALK_MM = 0.01
-"""Drift per √s of the registration along its chain: the floors that the line itself believes in."""
+"""Drift per √s of the registration along its chain: the floors that the line itself assumes."""
 _SMALL = np.array([1e-4] * 3 + [1e-4] * 2 + [1e-2] * 3 + [1e-3])
 """Half of a difference, rad, relative, mm, s: the second order is six digits below."""
 
 
 @lru_cache(maxsize=8)
 def bounds(session: Session, noise_mm: float, noise_deg: float, span_s: float = BOUND_S) -> Array:
-    """(9,) least standard deviation of PARAMETERS and the latency, in deg, %, mm and ms, from the first span_s; inf
-    where the motion tells nothing. Breathing is taken as known.
+    """Returns the least standard deviation, (9,), of PARAMETERS and the latency, in deg, %, mm and ms, from the first
+    span_s; inf where the motion shows nothing. Breathing is taken as known.
     """
     t_s = np.arange(0.0, span_s, 1 / FPS)
     t_s = t_s[session.touches(t_s)]
@@ -44,6 +45,7 @@ def bounds(session: Session, noise_mm: float, noise_deg: float, span_s: float = 
     noises = _noises(still, t_s, noise_mm, noise_deg)
     rows = [_whitened(J[:, row], white, walk) for row, (white, walk) in enumerate(noises)]
     information = sum(row @ row.T for row in rows) / np.outer(PER_UNIT, PER_UNIT)
+    # Where the motion shows nothing along an axis, its variance is infinite, and so is that of each parameter in it.
     values, axes = np.linalg.eigh(information)
     known = np.where(values > 1e-9 * values[-1], 1 / np.maximum(values, 1e-300), np.inf)
     with np.errstate(invalid="ignore"):
@@ -51,9 +53,10 @@ def bounds(session: Session, noise_mm: float, noise_deg: float, span_s: float = 
 
 
 def least_delay_s(session: Session, change: Array, noise_mm: float, noise_deg: float, from_s: float = 0.0) -> float:
-    """s from from_s on until a test that expects one false alarm in FALSE_ALARM_H hours can be sure of this change on
-    average: until the divergence (Kullback and Leibler) of truth and calibration in use reaches LN_A. Infinite where
-    BOUND_S of the motion do not suffice. Noise and breathing are taken as known, and nothing else as changed.
+    """Returns the seconds from from_s on until a test that expects one false alarm in FALSE_ALARM_H hours can be sure
+    of this change on average: until the divergence (Kullback and Leibler) of truth and calibration in use reaches LN_A.
+    Returns infinity where BOUND_S of the motion do not suffice. Noise and breathing are taken as known, and nothing
+    else as changed.
 
     change: (9,) of PARAMETERS and latency, in rad, relative, mm and s.
     """
@@ -71,7 +74,9 @@ def least_delay_s(session: Session, change: Array, noise_mm: float, noise_deg: f
 
 
 def _noises(session: Session, t_s: Array, noise_mm: float, noise_deg: float) -> list[tuple[float, Array]]:
-    """White variance and random walk between pictures of the lateral and axial way, mm², and of the turn, rad²."""
+    """Returns the white variance and the random walk between pictures of the lateral and axial path, mm², and of the
+    turn, rad².
+    """
     elevation_mm = np.abs(steps_between(session.pictures(t_s))[2])
     reach = float(np.linalg.norm(session.reference.offset_mm))
     white_mm2 = noise_mm**2 + (reach * radians(noise_deg)) ** 2
@@ -81,13 +86,14 @@ def _noises(session: Session, t_s: Array, noise_mm: float, noise_deg: float) -> 
 
 
 def _steps(session: Session, t_s: Array, path: ComplexArray, turn: Array, theta: Array) -> Array:
-    """(3, n − 1): measured less predicted step, lateral and axial in the chain's axes, mm, and turn, rad, where the
-    truth differs from the calibration in use by theta.
+    """Returns the measured less the predicted step, (3, n − 1): lateral and axial in the chain's axes, mm, and turn,
+    rad, where the truth differs from the calibration in use by theta.
     """
     reference = session.reference
     believed = rotation_from_vector(theta[:3]) @ reference.rotation, reference.offset_mm + theta[5:8]
     seen = session.sensor(t_s + theta[8], session.world.sensor_to_picture) @ inverse(rigid(*believed))
     moved, turned, _ = steps_between(seen)
+    # The steps that the tracker predicts with theta, then those that the picture shows in its changed scales.
     told = -np.exp(-1j * turn[1:]) * moved
     around = np.exp(-1j * turn)
     own = path / around
@@ -97,7 +103,7 @@ def _steps(session: Session, t_s: Array, path: ComplexArray, turn: Array, theta:
 
 
 def _whitened(rows: Array, white: float, walk: Array) -> Array:
-    """(p, m) differences → (p, m) of unit variance; walk (m,) between two pictures."""
+    """Whitens differences, (p, m) → (p, m) of unit variance; walk (m,) is that between two pictures."""
     covariance = np.diag(2 * white + walk)
     neighbours = np.arange(walk.size - 1)
     covariance[neighbours, neighbours + 1] = covariance[neighbours + 1, neighbours] = -white

@@ -1,4 +1,4 @@
-"""How a hand moves a probe in ordinary scanning, as functions of time. Pure and seeded.
+"""Models how a hand moves a probe in ordinary scanning, as functions of time. It is pure and seeded.
 
 Rows are lateral, axial and elevational, mm, then the rotation vector about the same axes, deg. A probe turns about its
 middle on the skin, where it is held.
@@ -16,35 +16,36 @@ Program = Callable[[Array, np.random.Generator], Array]
 
 _TREMOR_RMS = np.array([0.5, 0.35, 0.25, 0.3, 0.3, 0.3])
 _TREMOR_HZ = np.geomspace(0.5, 8.0, 12)
-"""RMS of each row, mm and deg, and what the tremor is a sum of, its amplitude ∝ 1 ÷ frequency: a hand at rest on a
-patient, from the literature on physiological tremor and not measured here. More shows more of the calibration."""
+"""RMS of each row, mm and deg, and the frequencies whose waves make up the tremor, its amplitude ∝ 1 ÷ frequency: a
+hand at rest on a patient, from the literature on physiological tremor and not measured here. More shows more of the
+calibration."""
 _STROKE_MM = 40.0
 """Length of an elevational sweep: a liver or a thyroid. Longer ones turn less often, and turns show the latency."""
 _EASE_S = 0.4
-"""In which a sweep turns back: a hand that neither stops nor jerks. Not measured."""
+"""Seconds in which a sweep turns back: a hand that neither stops nor jerks. Not measured."""
 _CIRCLE_MM, _PRESS_MM, _CIRCLE_S = 5.0, 2.0, 3.1
-"""Radius of the lateral way and of the press, and the time of one round: up to 10 mm/s, as one searches."""
+"""Radius of the lateral path and of the press, and the time of one round: up to 10 mm/s, as in a search."""
 _FAN_DEG, _FAN_S = 20.0, 8.0
-"""Either way, and to and fro: as one looks along an organ from one window."""
+"""Degrees either way, and seconds to and fro: as when looking along an organ from one window."""
 _DRIFT_MM = ((1.0, 11.0), (0.6, 7.0))
 """Amplitude, mm, and period, s, of the slow in-plane drift of a sweep, lateral and axial."""
 _GESTURE = ((0, 5.0, 1.75), (1, 3.0, 0.65), (5, 8.0, 1.4), (4, 8.0, 2.15), (3, 8.0, 2.65))
 """Row, amplitude, mm or deg, and period, s, of each motion of the verification gesture. Slower shows less in its time;
-quicker blurs the registration. The press is
-quicker than a breath, which it would be taken for: pressed once in 2 s, not one of 20 was verified with breathing. Two
-of one pace go in step and hide one another: with rock and twist both at 1.6 s, no OK came within 8 s (seeds 2 and 19);
-so no two are within the tenth by which a hand's pace differs."""
+quicker blurs the registration. The press is quicker than a breath, for which it would be taken: pressed once in 2 s,
+not one of 20 was verified with breathing. Two motions of one pace go in step and hide one another: with rock and twist
+both at 1.6 s, no OK came within 8 s (seeds 2 and 19); so no two are within the tenth by which a hand's pace differs."""
 GESTURE_S, _FROM_GESTURE_S = 6.0, 1.0
-"""For which it lasts: as long as a person is asked to go on; and in which it goes over into what follows, smoothly. In
-.4 s the turn would reach 68 °/s at once in a fan, quicker than the slip watch has a hand's."""
+"""Seconds for which the gesture lasts: as long as a person is asked to continue it; and in which it merges smoothly
+into what follows. In .4 s the turn would reach 68 °/s at once in a fan, quicker than the slip watch assumes of a
+hand."""
 _PHASES_S = (14.0, 14.0, 10.0, 4.0)
 _LIFTED = 3
-"""Of a mixed session, again and again: search, sweep, hold, lifted off the skin. Where sessions begin with the gesture,
-it comes again after each time off the skin, as the instrument asks for it."""
+"""Seconds of the phases of a mixed session, which repeat: search, sweep, hold, lifted off the skin. Where sessions
+begin with the gesture, it comes again after each time off the skin, as the instrument asks for it."""
 
 
 def tremor(t_s: Array, random: np.random.Generator, share: float = 1.0) -> Array:
-    """(6, n); share: of the usual RMS."""
+    """Returns the tremor, (6, n). share: that of the usual RMS."""
     amplitude = np.sqrt(2 / np.sum(_TREMOR_HZ**-2.0)) / _TREMOR_HZ
     phase = random.uniform(0, 2 * np.pi, (6, _TREMOR_HZ.size))
     hz = _TREMOR_HZ * random.uniform(0.9, 1.1, (6, _TREMOR_HZ.size))
@@ -53,7 +54,7 @@ def tremor(t_s: Array, random: np.random.Generator, share: float = 1.0) -> Array
 
 
 def in_plane(t_s: Array, random: np.random.Generator) -> Array:
-    """A circle sideways with a press."""
+    """Returns a circle sideways with a press."""
     turn = 2 * np.pi * t_s / (_CIRCLE_S * random.uniform(0.9, 1.1)) + random.uniform(0, 2 * np.pi)
     rows = tremor(t_s, random)
     rows[0] += _CIRCLE_MM * np.sin(turn)
@@ -62,7 +63,7 @@ def in_plane(t_s: Array, random: np.random.Generator) -> Array:
 
 
 def elevational(speed_mm_s: float, drift: float = 1.0) -> Program:
-    """Sweeps to and fro out of the plane; drift: times the usual in-plane one."""
+    """Returns a program that sweeps to and fro out of the plane. drift: multiple of the usual in-plane drift."""
 
     def program(t_s: Array, random: np.random.Generator) -> Array:
         rows = tremor(t_s, random)
@@ -76,7 +77,7 @@ def elevational(speed_mm_s: float, drift: float = 1.0) -> Program:
 
 
 def fan(t_s: Array, random: np.random.Generator) -> Array:
-    """Tilting about the lateral axis at one place of the skin."""
+    """Returns a tilt about the lateral axis at one place of the skin."""
     rows = tremor(t_s, random)
     phase = random.uniform(0, 2 * np.pi)
     rows[3] += _FAN_DEG * np.sin(2 * np.pi * t_s / (_FAN_S * random.uniform(0.9, 1.1)) + phase)
@@ -84,7 +85,7 @@ def fan(t_s: Array, random: np.random.Generator) -> Array:
 
 
 def hold(t_s: Array, random: np.random.Generator) -> Array:
-    """Tremor alone, .3 mm laterally."""
+    """Returns tremor alone, .3 mm laterally."""
     return tremor(t_s, random, 0.6)
 
 
@@ -100,7 +101,7 @@ def gesture(t_s: Array, random: np.random.Generator) -> Array:
 
 
 def begun_with_gesture(program: Program) -> Program:
-    """The gesture for GESTURE_S, then the program."""
+    """Returns a program of the gesture for GESTURE_S, then the given program."""
 
     def begun(t_s: Array, random: np.random.Generator) -> Array:
         first, rest = gesture(t_s, random), program(t_s - GESTURE_S, random)
@@ -112,19 +113,19 @@ def begun_with_gesture(program: Program) -> Program:
 
 
 def mixed(t_s: Array, random: np.random.Generator) -> Array:
-    """Search, sweep at 10 mm/s, hold, and off the skin, with half a second from one to the next."""
+    """Returns search, sweep at 10 mm/s, hold, and off the skin, with half a second from one to the next."""
     search, sweep, still = in_plane(t_s, random), elevational(10.0)(t_s, random), hold(t_s, random)
     return _one_after_the_other(t_s, (search, sweep, still, still), _PHASES_S)
 
 
 def mixed_with_gestures(t_s: Array, random: np.random.Generator) -> Array:
-    """The same, with the gesture whenever the probe is on the skin again."""
+    """Returns the motion of `mixed`, with the gesture whenever the probe is on the skin again."""
     search, sweep, still = in_plane(t_s, random), elevational(10.0)(t_s, random), hold(t_s, random)
     return _one_after_the_other(t_s, (search, sweep, still, still, gesture(t_s, random)), (*_PHASES_S, GESTURE_S))
 
 
 def lifted(name: str, t_s: Array) -> NDArray[np.bool_]:
-    """(n,) whether off the skin."""
+    """Returns whether the probe is off the skin, (n,)."""
     if name.removeprefix(_BEGUN) != "mixed":
         return np.zeros(t_s.shape, dtype=bool)
     if not name.startswith(_BEGUN):
@@ -155,7 +156,9 @@ ALL: Mapping[str, tuple[Program, float]] = {**PROGRAMS, **GESTURED}
 
 
 def _to_and_fro(t_s: Array, speed_mm_s: float) -> Array:
-    """Way at constant speed along `_STROKE_MM` and back, the turns eased: a triangle wave averaged over `_EASE_S`."""
+    """Returns a path at constant speed along `_STROKE_MM` and back, the turns eased: a triangle wave averaged over
+    `_EASE_S`.
+    """
     period_s = 2 * _STROKE_MM / speed_mm_s
     around = np.linspace(-_EASE_S / 2, _EASE_S / 2, 9)
     share = np.abs(((t_s[:, None] + around) / period_s) % 1.0 * 2 - 1)
@@ -168,7 +171,7 @@ def _phase(t_s: Array, phases_s: tuple[float, ...]) -> NDArray[np.intp]:
 
 
 def _one_after_the_other(t_s: Array, parts: tuple[Array, ...], phases_s: tuple[float, ...]) -> Array:
-    """The parts in their phases, which go over into one another within half a second."""
+    """Returns the parts in their phases, which merge into one another within half a second."""
     around = t_s[:, None] + np.linspace(-0.25, 0.25, 17)
     rows = np.zeros_like(parts[0])
     for number, part in enumerate(parts):

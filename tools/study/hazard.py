@@ -1,4 +1,7 @@
-"""What can be wrong in a session, how large, how it came about, and what it does to body, picture and stamp. Pure."""
+"""Describes what can be wrong in a session, how large, how it came about, and how it alters body, picture and stamp.
+
+Everything here is pure.
+"""
 
 import re
 from collections.abc import Callable, Iterator, Mapping
@@ -17,15 +20,17 @@ from probewatch.drivers.suggestion import did_you_mean, suggested
 from probewatch.tools.study.metal import distorted
 
 ONSET_S = 20.0
-"""When what was not there from the start begins: a healthy session is verified by then, where it can be."""
+"""Second at which a hazard that was not there from the start begins: a healthy session is verified by then, where it
+can be."""
 CREEP_S = 8.0
-"""How long a creeping hazard takes to its full size; a slipping clamp, a tracker whose buffer fills."""
+"""Seconds that a creeping hazard takes to its full size; a slipping clamp, a tracker whose buffer fills."""
 HIDDEN_S = 2.0
-"""For which an unseen change is hidden: probe off the skin and out of the tracker's sight, as when it is wiped."""
+"""Seconds for which an unseen change is hidden: probe off the skin and out of the tracker's sight, as when it is
+wiped."""
 
 
 class Manner(StrEnum):
-    """How it came about."""
+    """Names how a hazard came about."""
 
     START = "start"
     SUDDEN = "sudden"
@@ -34,8 +39,8 @@ class Manner(StrEnum):
 
 
 _EXCHANGED = np.array([*np.deg2rad([12.0, -20.0, 15.0]), -0.20, -0.15, 15.0, -10.0, 20.0, 0.0])
-"""Change of X, rad, relative and mm, by a probe of another kind with a body of its own. No real pair was measured; what
-is farther off was not tried."""
+"""Change of X, rad, relative and mm, by a probe of another kind with a body of its own. No real pair was measured;
+larger changes were not tried."""
 _UNITS: Mapping[str, Callable[[float], float]] = {
     "deg": lambda size: float(np.deg2rad(size)),
     "mm": lambda size: size,
@@ -48,11 +53,13 @@ _EACH, _AT_ONCE, _START = tuple(Manner), (Manner.START, Manner.SUDDEN, Manner.UN
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HazardKind:
-    """What the study can simulate. fault: class under which it ought to be named. unit: of its size; "" where it has
-    none. rows: of the nine numbers of `Hazard.change` that are its size. change: (9,) where it has no size.
+    """Describes what the study can simulate. fault: class under which it ought to be named. unit: that of its size; ""
+    where it has none. rows: those of the nine numbers of `Hazard.change` that are its size. change: (9,) where it has
+    no size.
 
-    mirror: of the picture, (lateral, axial). read: (n, 4, 4) poses → as they are reported. metal: bends the tracker's
-    field by its size. sizes, manners: of `--hazards all`. within: size of what is not wrong yet, at most.
+    mirror: that of the picture, (lateral, axial). read: (n, 4, 4) poses → as they are reported. metal: whether it bends
+    the tracker's field by its size. sizes, manners: those of `--hazards all`. within: largest size that is not wrong
+    yet.
     """
 
     fault: Fault
@@ -103,8 +110,8 @@ _ROWS: Mapping[str, HazardKind] = {
     "poses-inverted": HazardKind(Fault.POSE_CONVENTION, read=inverse, manners=_START),
     "axes-swapped": HazardKind(Fault.POSE_CONVENTION, read=_swapped, manners=_START),
 }
-"""Sizes are 1.3 and 2 times the limit as shipped, one sign each, in every manner; metal displaces by 3 or 6 mm. What is
-within is half of the limit at most."""
+"""Kind → what it is. Sizes are 1.3 and 2 times the limit as shipped, one sign each, in every manner; metal displaces by
+3 or 6 mm. What is within is half of the limit at most."""
 KINDS = ("none", *_ROWS)
 FAULTS: Mapping[str, Fault] = {kind: row.fault for kind, row in _ROWS.items()}
 """Kind → class under which it ought to be named."""
@@ -112,12 +119,12 @@ _TEXT = re.compile(r"([a-z-]+?)(?:=([+-]?[0-9.]+))?(?:@([a-z]+))?")
 
 
 _MOST: Mapping[str, float] = {"deg": 90.0, "mm": 100.0, "%": 50.0, "ms": 5000.0}
-"""Unit → largest size. Of what is farther off no simulated session shows anything, since every picture and pose is
-wrong. Far above all that was tried (`all`)."""
+"""Unit → largest size. Beyond it no simulated session shows anything, since every picture and pose is wrong. It is far
+above all that was tried (`all`)."""
 
 
 def _size(kind: str, text: str | None) -> float:
-    """Raises ConfigurationError for no number, and for one beyond _MOST."""
+    """Parses a size. Raises ConfigurationError where the text is not a number, and for one beyond _MOST."""
     if text is None:
         return 0.0
     unit = _ROWS[kind].unit
@@ -134,7 +141,9 @@ def _size(kind: str, text: str | None) -> float:
 
 @dataclass(frozen=True)
 class Hazard:
-    """size: deg, mm, % or ms; 0 for those that have none. beside: what else is wrong, with a manner of its own."""
+    """Represents one hazard. size: deg, mm, % or ms; 0 for those that have none. beside: what else is wrong, with a
+    manner of its own.
+    """
 
     kind: str = "none"
     size: float = 0.0
@@ -143,7 +152,7 @@ class Hazard:
 
     @classmethod
     def parse(cls, text: str) -> "Hazard":
-        """KIND, KIND=SIZE or KIND=SIZE@MANNER, and others behind a slash. Raises ConfigurationError."""
+        """Parses KIND, KIND=SIZE or KIND=SIZE@MANNER, and others after a slash. Raises ConfigurationError."""
         first, slash, rest = text.partition("/")
         one = cls._parse_one(first)
         if not slash:
@@ -178,39 +187,39 @@ class Hazard:
 
     @property
     def _row(self) -> HazardKind | None:
-        """The row of the kind of hazard; None for `none`."""
+        """Returns the row of the kind of hazard; None for `none`."""
         return _ROWS.get(self.kind)
 
     @property
     def fault(self) -> Fault | None:
-        """Class under which it ought to be named; None for none."""
+        """Returns the class under which it ought to be named; None for `none`."""
         return FAULTS.get(self.kind)
 
     @property
     def each(self) -> "tuple[Hazard, ...]":
-        """This one, and what is beside it."""
+        """Returns this hazard, and what is beside it."""
         return (self, *(() if self.beside is None else self.beside.each))
 
     @property
     def faults(self) -> frozenset[Fault]:
-        """All classes that ought to be named."""
+        """Returns all classes that ought to be named."""
         return frozenset(one.fault for one in self.each if one.fault is not None)
 
     @property
     def limited(self) -> bool:
-        """Whether anything of it can be given in multiples of a limit: what metal does at each place cannot."""
+        """Returns whether anything of it can be given in multiples of a limit: what metal does at each place cannot."""
         return not all(one._row and one._row.metal for one in self.each)
 
     @property
     def onset_s(self) -> float:
-        """The time from which on everything is wrong, s; infinite for none."""
+        """Returns the time from which on everything is wrong, s; infinite for `none`."""
         if self.kind == "none":
             return np.inf
         own_s = 0.0 if self.manner is Manner.START else ONSET_S
         return own_s if self.beside is None else max(own_s, self.beside.onset_s)
 
     def share(self, t_s: Array) -> Array:
-        """(n,) how much of its size is there at each time, 0 … 1."""
+        """Returns the share of its size that is present at each time, (n,) 0 … 1."""
         if self.kind == "none" or self.manner is Manner.START:
             return np.full(t_s.shape, float(self.kind != "none"))
         if self.manner is Manner.CREEPING:
@@ -219,17 +228,17 @@ class Hazard:
         return (t_s >= middle_s).astype(float)
 
     def hides(self, t_s: Array) -> NDArray[np.bool_]:
-        """(n,) whether neither picture nor pose shows anything."""
+        """Returns whether neither picture nor pose shows anything, (n,)."""
         unseen = any(one.manner is Manner.UNSEEN for one in self.each)
         return unseen & (t_s >= ONSET_S) & (t_s < ONSET_S + HIDDEN_S)
 
     def change(self, t_s: Array) -> Array:
-        """(n, 9): how the truth differs from the reference, rad, relative, mm, and the latency, s."""
+        """Returns how the truth differs from the reference, (n, 9): rad, relative, mm, and the latency, s."""
         return np.asarray(sum(one.share(t_s)[:, None] * one._whole for one in self.each))
 
     @property
     def _whole(self) -> Array:
-        """(9,) the same once all of it is there."""
+        """Returns the change, (9,), once all of it is present."""
         row, whole = self._row, np.zeros(9)
         if row is None:
             return whole
@@ -240,24 +249,24 @@ class Hazard:
         return whole
 
     def body(self, reference: Calibration, t_s: Array) -> Array:
-        """(n, 4, 4) sensor → picture as it truly is."""
+        """Returns the true sensor → picture, (n, 4, 4)."""
         change = self.change(t_s)
         return rigid(rotation_from_vector(change[:, :3]) @ reference.rotation, reference.offset_mm + change[:, 5:8])
 
     def measured(self, poses: Array, t_s: Array) -> Array:
-        """(n, 4, 4) as the tracker measures them at these times, but for its noise."""
+        """Returns the poses, (n, 4, 4), as the tracker measures them at these times, but for its noise."""
         for one in self.each:
             poses = distorted(poses, one.size, one.share(t_s)) if one._row and one._row.metal else poses
         return poses
 
     def reported(self, poses: Array) -> Array:
-        """(n, 4, 4) as a tracker of that convention reports them."""
+        """Returns the poses, (n, 4, 4), as a tracker of that convention reports them."""
         for one in self.each:
             poses = one._row.read(poses) if one._row and one._row.read else poses
         return poses
 
     def shown(self, image: GreyImage, t_s: float) -> GreyImage:
-        """(h, w) uint8 as the scanner shows it at that time."""
+        """Returns the picture, (h, w) uint8, as the scanner shows it at that time."""
         for one in self.each:
             image = one._shown_alone(image, float(one.share(np.array([t_s]))[0]))
         return image
@@ -281,9 +290,9 @@ STANDARD = (
     Hazard(),
     *(Hazard(kind, size, manner) for kind, row in _ROWS.items() for size in row.sizes for manner in row.manners),
 )
-"""`--hazards all`."""
+"""Hazards of `--hazards all`."""
 _WITHIN_RUNS = 8
-"""Of `--hazards within`. More tell of more sizes on the same pictures."""
+"""Runs of `--hazards within`. More cover more sizes on the same pictures."""
 
 
 def _within() -> Iterator[Hazard]:
@@ -295,5 +304,5 @@ def _within() -> Iterator[Hazard]:
 
 
 WITHIN = tuple(_within())
-"""`--hazards within`: all nine at once from the start, none beyond half of its limit, drawn evenly: nothing is to be
-named, and the error of a point is to be covered (`tools.study.point`)."""
+"""Hazards of `--hazards within`: all nine at once from the start, none beyond half of its limit, drawn evenly: nothing
+is to be named, and the error of a point is to be covered (`tools.study.point`)."""

@@ -1,4 +1,4 @@
-"""One run of a session through line and supervisor, and what came of it, ready for a row of the table."""
+"""Runs a session through line and supervisor once, and collects what came of it for a row of the table."""
 
 import time
 from collections.abc import Iterator
@@ -19,17 +19,17 @@ from probewatch.tools.study.point import Coverage, errors_mm, places_mm
 from probewatch.tools.study.samples import Conditions, samples, seconds, stamp_ns
 
 _EVERY_NS = 1_000_000_000
-"""Between two looks at value and sigma: a few solutions apart. Looks within one window share its motion, so their
-z-scores are no independent ones; the seeds are."""
+"""Nanoseconds between two looks at value and sigma: a few solutions apart. Looks within one window share its motion, so
+their z-scores are not independent; the seeds are."""
 _GROSS, _BEYOND = 2.0, 1.3
-"""Times its limit from which a parameter must never be OK, and may be in one run of a hundred."""
+"""Multiples of its limit from which a parameter must never be OK, and may be in one run of a hundred."""
 
 
 @dataclass
 class Scores:
-    """Scores of one check, in its unit. last, sigma: at the end. looks, squares, worst: number, sum of squares, and
-    largest size of (value − truth) ÷ sigma. shown_s: first time it was OK, NaN for never. shown: share of looks at
-    which it was OK. bound: least sigma that half a minute of this motion can give.
+    """Holds the scores of one check, in its unit. last, sigma: at the end. looks, squares, worst: number, sum of
+    squares, and largest size of (value − truth) ÷ sigma. shown_s: first time it was OK, NaN for never. shown: share of
+    looks at which it was OK. bound: least sigma that half a minute of this motion can give.
     """
 
     last: float = nan
@@ -42,7 +42,7 @@ class Scores:
     bound: float = nan
 
     def look(self, check: Check, truth: float, t_s: float) -> None:
-        """Take what the line says at t_s."""
+        """Takes what the line reports at t_s."""
         if check.verdict is VerdictKind.OK:
             self.shown += 1
             self.shown_s = t_s if not isfinite(self.shown_s) else self.shown_s
@@ -54,13 +54,16 @@ class Scores:
 
 @dataclass
 class Outcome:
-    """closed, ok: shares of the session in which the contact was closed and the line said OK. closed_s, ok_s: first
-    times, NaN for never. faults: names in the order in which they were told. fault_s, named_s, opened_s: from the
+    """Holds what came of a run.
+
+    closed, ok: shares of the session in which the contact was closed and the line reported OK. closed_s, ok_s: first
+    times, NaN for never. faults: names in the order in which they were reported. fault_s, named_s, opened_s: from the
     onset of the hazard, or from the start, until the first FAULT, until all that is wrong was named at once, and until
-    the contact was open for good. warnings, halts: how often these states began. ok_beyond_s, ok_gross_s: for how long
-    it said OK with a parameter 1.3 and 2 times its limit away; closed_gross_s: for how long the contact was closed so.
-    nats: largest log likelihood ratio of the sequential test, with a hazard since its onset; NaN where it had nothing
-    to test. cost_ms, cost_99_ms: processor time per picture. point: of the error of a point.
+    the contact was open permanently. warnings, halts: how often these states began. ok_beyond_s, ok_gross_s: for how
+    long it reported OK with a parameter 1.3 and 2 times its limit away; closed_gross_s: for how long the contact was
+    closed while a parameter was 2 times its limit away. nats: largest log likelihood ratio of the sequential test, with
+    a hazard since its onset; NaN where it had nothing to test. cost_ms, cost_99_ms: processor time per picture. point:
+    coverage of the error of a point.
     """
 
     frames: int = 0
@@ -85,7 +88,7 @@ class Outcome:
     scores: dict[str, Scores] = field(default_factory=lambda: {name: Scores() for name in MEASURED})
 
     def row(self) -> dict[str, str]:
-        """Column → cell; what is not known is empty."""
+        """Returns column → cell; what is not known is empty."""
         row = {one.name: cell(getattr(self, one.name)) for one in fields(self) if one.name not in ("point", "scores")}
         parts: dict[str, Coverage | Scores] = {"point": self.point, **self.scores}
         for name, scores in parts.items():
@@ -95,7 +98,7 @@ class Outcome:
 
 
 def run(conditions: Conditions, pictures: list[GreyImage]) -> Outcome:
-    """Runs the line over a session, and counts what it says. pictures: of `tools.study.samples.rendered`."""
+    """Runs the line over a session, and counts what it reports. pictures: those of `tools.study.samples.rendered`."""
     session, judging, limits = conditions.session, conditions.judging, conditions.judging.limits
     line, outcome = Line(session.reference, limits), Outcome()
     timeline = Timeline(stamp_ns(0.0), stamp_ns(0.0), stamp_ns(session.duration_s), judging)
@@ -155,7 +158,7 @@ class _Notes:
             scores.shown /= max(self._looks, 1)
 
     def _after_s(self, t_s: float) -> float:
-        """Time since the onset of the hazard, or since the start where there is none."""
+        """Returns the time since the onset of the hazard, or since the start where there is none."""
         onset_s = self._conditions.hazard.onset_s
         return t_s - (onset_s if isfinite(onset_s) else 0.0)
 
@@ -185,7 +188,7 @@ class _Notes:
 
 
 def gross(conditions: Conditions, limits: Limits, t_s: float) -> float:
-    """The largest |error| ÷ limit at t_s; infinite for a polarity or a pose convention that is wrong."""
+    """Returns the largest |error| ÷ limit at t_s; infinite for a polarity or a pose convention that is wrong."""
     gone = (one for one in conditions.hazard.each if one.fault in (Fault.POLARITY, Fault.POSE_CONVENTION))
     if any(one.share(np.array([t_s]))[0] for one in gone):
         return np.inf
@@ -193,25 +196,25 @@ def gross(conditions: Conditions, limits: Limits, t_s: float) -> float:
 
 
 def _truth(conditions: Conditions, t_s: float) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-    """(9,) deg, %, mm, ms: what the estimates should be."""
+    """Returns what the estimates should be, (9,) deg, %, mm, ms."""
     return np.asarray(conditions.hazard.change(np.array([t_s]))[0] * PER_UNIT)
 
 
 def _closed(changes: list[Change], end_s: float) -> Iterator[tuple[float, float]]:
-    """Spans in which the contact was closed, s."""
+    """Yields the spans in which the contact was closed, s."""
     for change, after_s in spells(changes, end_s):
         if change.state is State.MONITORING:
             yield change.t_s, after_s
 
 
 def closed_share(changes: list[Change], duration_s: float) -> float:
-    """Share of the session during which the contact was closed; 0 for one without any length."""
+    """Returns the share of the session during which the contact was closed; 0 for one without any length."""
     closed_s = sum(end - start for start, end in _closed(changes, duration_s))
     return closed_s / duration_s if duration_s > 0 else 0.0
 
 
 def _read(changes: list[Change], conditions: Conditions, limits: Limits, outcome: Outcome) -> None:
-    """What the supervisor made of it."""
+    """Reads the supervisor's changes of state into the outcome."""
     duration_s, onset_s = conditions.session.duration_s, conditions.hazard.onset_s
     spells = list(_closed(changes, duration_s))
     outcome.closed = closed_share(changes, duration_s)
@@ -226,7 +229,7 @@ def _read(changes: list[Change], conditions: Conditions, limits: Limits, outcome
 
 
 def cell(value: object) -> str:
-    """Six digits; empty where a number is not known."""
+    """Returns the text of a value, a number with six digits; empty where a number is not known."""
     if isinstance(value, float):
         return f"{value:.6g}" if isfinite(value) else ""
     return str(value)

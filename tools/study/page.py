@@ -1,4 +1,4 @@
-"""The page of a study: one HTML file with plots and tables, which opens without a network."""
+"""Writes the page of a study: one HTML file with plots and tables, which opens without a network."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _STILL, _BREATHING, _BAD = "#2f6fab", "#c77c11", "#b3261e"
-"""Colours mean one thing on the whole page: still tissue, breathing, and what ought not to be; blue and orange are told
-apart by those who cannot tell red from green."""
+"""Colours mean one thing on the whole page: still tissue, breathing, and what ought not to be; blue and orange are
+distinguishable by those who cannot distinguish red from green."""
 _WIDE_IN = 10.0
-"""Of every plot: a page on a laptop's screen."""
+"""Inches: width of every plot, a page on a laptop's screen."""
 _STYLE = """
 :root { color-scheme: light; font: 15px/1.5 system-ui, sans-serif; }
 body { max-width: 62rem; margin: 2rem auto; padding: 0 1rem; color: #1c1b1f; background: #fff; }
@@ -55,7 +55,9 @@ def check_page(path: Path) -> None:
 
 
 def write_page(path: Path, rows: Sequence[Row]) -> None:
-    """Raises ConfigurationError where the file cannot be written. matplotlib must be there: `check_page`."""
+    """Writes the page. Raises ConfigurationError where the file cannot be written. matplotlib must be installed:
+    `check_page`.
+    """
     healthy, sick = coverages(rows), detections(rows)
     hours = healthy_hours(rows, FPS)
     faulted = sum(one.faulted.k for one in healthy)

@@ -1,18 +1,21 @@
-"""A tracker whose error depends on the place, slowly: what its makers call volumetric accuracy. Pure and seeded."""
+"""Models a tracker whose error depends on the place, slowly: what its makers call volumetric accuracy. It is pure."""
 
 import numpy as np
 
 from probewatch.drivers.rigid import Array, rigid, rotation_from_vector
 
 _DEG_PER_MM = 0.4
-"""Of turns, against the error of a place: .3° with .75 mm, as an optical tracker's residual against a robot's arm."""
+"""Degrees of a turn per mm of error of a place: .3° with .75 mm, as an optical tracker's residual against a robot's
+arm."""
 _WAVES, _SHORTEST_MM, _LONGEST_MM = 8, 80.0, 240.0
-"""What the error is a sum of: alike over one to three centimetres. .8 mm of it grow by 2.1 % of a way (standard
+"""Waves that make up the error: alike over one to three centimetres. .8 mm of it grow by 2.1 % of a path (standard
 deviation, 20 seeds), as a wrong scale would; shorter waves more, longer ones are an offset that no picture shows."""
 
 
 def erring_by_place(poses: Array, size_mm: float, seed: int) -> Array:
-    """(n, 4, 4) sensor → tracker, with an error of this standard deviation for each axis, and of turns accordingly."""
+    """Returns poses, (n, 4, 4) sensor → tracker, with an error of this standard deviation for each axis, and of turns
+    accordingly. seed: seeds the error.
+    """
     if not size_mm:
         return poses
     random = np.random.default_rng((seed, 71))

@@ -1,4 +1,4 @@
-"""Which runs a study consists of: sessions × tissue × seeds, each with every tracker and hazard that was asked for."""
+"""Plans the runs of a study: sessions × tissue × seeds, each with every tracker and hazard that was asked for."""
 
 import itertools
 from collections.abc import Collection, Iterator, Sequence
@@ -18,13 +18,13 @@ _MOST_RUNS = 4
 
 @dataclass(frozen=True)
 class Task:
-    """Runs on the same pictures. folder: where pictures are kept, None for nowhere."""
+    """Holds runs on the same pictures. folder: where pictures are kept, None for nowhere."""
 
     runs: tuple[Conditions, ...]
     folder: Path | None
 
     def rows(self) -> list[dict[str, str]]:
-        """Do them."""
+        """Runs them, and returns their rows."""
         return [
             dict(zip(KEYS, one.key, strict=True)) | run(one, rendered(one.session, self.folder)).row()
             for one in self.runs
@@ -42,10 +42,10 @@ def planned(
     draws: int = 1,
     profiles: Sequence[Profile] = ("coarse",),
 ) -> list[Conditions]:
-    """Every run, those on the same pictures side by side; the first seed of everything first.
+    """Returns every run, those on the same pictures side by side; the first seed of everything first.
 
-    duration_s: of every session instead of its own. asked: one of ASKED. draws: noises of the tracker on the same
-    pictures. profiles: of the limits, on the same pictures.
+    duration_s: that of every session instead of its own. asked: one of ASKED. draws: noises of the tracker on the same
+    pictures. profiles: those of the limits, on the same pictures.
     """
     return [
         Conditions(
@@ -57,12 +57,14 @@ def planned(
 
 
 def tracker_of(noise_mm: float) -> Tracker:
-    """Turns are as much less well measured as places: .02° with .1 mm, an optical tracker at 1.5 m."""
+    """Returns the tracker of a noise. Turns are as much less well measured as places: .02° with .1 mm, an optical
+    tracker at 1.5 m.
+    """
     return Tracker(noise_mm, 0.2 * noise_mm)
 
 
 def tasks(runs: Sequence[Conditions], done: Collection[tuple[str, ...]], folder: Path | None) -> Iterator[Task]:
-    """What is left to do."""
+    """Yields the tasks that are left to do."""
     left = [one for one in runs if one.key not in done]
     for _, same in itertools.groupby(left, key=lambda one: one.session):
         alike = list(same)

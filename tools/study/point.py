@@ -1,4 +1,6 @@
-"""How far points of the picture truly are from where the reference puts them, beside the bounds of the line. Pure."""
+"""Computes how far points of the picture truly are from where the reference puts them, beside the bounds of the
+line.
+"""
 
 from dataclasses import dataclass
 from math import nan
@@ -10,15 +12,17 @@ from probewatch.drivers.rigid import Array, inverse, rigid
 from probewatch.tools.study.samples import Conditions
 
 PLACES = 200
-"""Of each picture. More tell no more: the errors of places of one picture are nearly one another's."""
+"""Places of each picture. More show no more: the errors at places of one picture are nearly equal."""
 
 
 @dataclass
 class Coverage:
-    """looks: at which there was a bound. narrow, wide: share of places of all looks at which the bounds of 95 and of
-    99.7 % covered the true error. narrow_off, wide_off: at which the true error lay as near to the most likely one as
-    95 and 99.7 % of what is left open, which does not depend on how large the true error is. worst_mm, true_mm: mean
-    over the looks of the bound of 99.7 % at the worst place, and of the true error at its worst one.
+    """Holds how well the bounds of the line cover true errors. looks: number of looks at which there was a bound.
+
+    narrow, wide: share of places of all looks at which the bounds of 95 and of 99.7 % covered the true error.
+    narrow_off, wide_off: share at which the true error lay as near to the most likely one as 95 and 99.7 % of what is
+    left open, which does not depend on how large the true error is. worst_mm, true_mm: mean over the looks of the bound
+    of 99.7 % at the worst place, and of the true error at its worst one.
     """
 
     looks: int = 0
@@ -30,7 +34,7 @@ class Coverage:
     true_mm: float = nan
 
     def look(self, bounds: Bounds, errors_mm: Array) -> None:
-        """errors_mm: (n, 3) of one picture."""
+        """Takes the bounds and the true errors of one picture, (n, 3)."""
         size_mm, off_mm = (np.linalg.norm(one, axis=1) for one in (errors_mm, errors_mm - bounds.mean))
         narrow, wide = np.mean(size_mm <= bounds.bounds_mm, axis=1)
         around_mm = longest(np.zeros_like(bounds.mean), bounds.covariance)
@@ -46,7 +50,7 @@ _MEANS = ("narrow", "wide", "narrow_off", "wide_off", "worst_mm", "true_mm")
 
 
 def places_mm(conditions: Conditions) -> Array:
-    """(PLACES, 3) spread over the picture by chance, in its axes, mm from its middle."""
+    """Returns places, (PLACES, 3), spread over the picture at random, in its axes, mm from its middle."""
     session = conditions.session
     size_mm = np.array(session.size_px) * session.reference.scale_mm_per_px
     shares = np.random.default_rng((session.seed, 71)).uniform(-0.5, 0.5, (PLACES, 2))
@@ -54,9 +58,9 @@ def places_mm(conditions: Conditions) -> Array:
 
 
 def errors_mm(conditions: Conditions, t_s: float, at_mm: Array) -> Array:
-    """(n, 3) → (n, 3) in the axes of the picture: from where reference and poses of the stamp of the picture put each
-    place to where it truly is; without the noise of a pose, and without its error by place or by metal, which are no
-    error of the calibration.
+    """Returns the displacement, (n, 3) → (n, 3) in the axes of the picture, from where reference and poses of the
+    picture's stamp put each place to where it truly is; without the noise of a pose, and without its error by place or
+    by metal, which are not errors of the calibration.
     """
     session, hazard, t = conditions.session, conditions.hazard, np.array([t_s])
     change, reference = hazard.change(t)[0], session.reference

@@ -1,4 +1,4 @@
-"""A session with a hazard as the stream of samples that the line of a cart would be given. Seeded."""
+"""Yields a session with a hazard as the stream of samples that the line of a cart would be given. It is seeded."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
@@ -21,18 +21,18 @@ from probewatch.tools.study.place import erring_by_place
 from probewatch.tools.study.session import FPS, Session
 
 POSE_HZ = 60.0
-"""Of a Polaris Vega."""
+"""Pose rate of a Polaris Vega."""
 _ORIGIN_NS = 5_000_000_000
-"""Of the stamps: anything but zero, which would hide a mixed-up origin."""
+"""Origin of the stamps: anything but zero, which would hide a mixed-up origin."""
 _STAMP_ERR_NS = 100_000
-"""Of V4L2's and a tracker's stamps, as the drivers bound them on a good cart."""
+"""Nanoseconds: bound of V4L2's and a tracker's stamps, as the drivers bound them on a good cart."""
 _FIT_MM = 0.1
-"""How well the markers fit, as a tracker says of a sound body."""
+"""Millimetres: how well the markers fit, as a tracker reports it for a sound body."""
 
 
 @dataclass(frozen=True)
 class Tracker:
-    """noise_mm, noise_deg: standard deviation per axis of one reading, white."""
+    """Describes a tracker's noise. noise_mm, noise_deg: standard deviation per axis of one reading, white."""
 
     noise_mm: float = 0.1
     noise_deg: float = 0.02
@@ -43,20 +43,20 @@ KEYS = ("session", "tissue", "seed", "duration_s", "noise_mm", "draw", "asked", 
 
 
 def _without_offsets() -> Judging:
-    """Limits as shipped, but for the offsets, which an ordinary sweep may lack the motion to show."""
+    """Returns the limits as shipped, but for the offsets, which an ordinary sweep may lack the motion to show."""
     ages_s = {name: 0.0 for name in PARAMETERS if name.startswith("offset")}
     return Judging(Limits(required_age_s=RequiredAges.model_validate(ages_s)))
 
 
 DEFAULT, WITHOUT_OFFSETS = "everything", "without-offsets"
 ASKED = {DEFAULT: Judging(), WITHOUT_OFFSETS: _without_offsets()}
-"""What the contact asks for: all ten parameters, as the configuration is shipped, or all but the offsets."""
+"""Parameters for which the contact asks: all ten, as the configuration is shipped, or all but the offsets."""
 
 
 @dataclass(frozen=True)
 class Conditions:
-    """One run of the study. asked: one of ASKED. profile: of the limits. draw: which of the tracker's noises on these
-    pictures, from 1.
+    """Describes one run of the study. asked: one of ASKED. profile: that of the limits. draw: number of the tracker's
+    noise on these pictures, from 1.
     """
 
     session: Session
@@ -68,14 +68,14 @@ class Conditions:
 
     @property
     def judging(self) -> Judging:
-        """How strictly the run is judged."""
+        """Returns how strictly the run is judged."""
         asked = ASKED[self.asked]
         limits = Limits(profile=self.profile, required_age_s=asked.limits.required_age_s)
         return replace(asked, limits=limits)
 
     @property
     def key(self) -> tuple[str, ...]:
-        """What names the run in the table, one for each of KEYS."""
+        """Returns what names the run in the table, one for each of KEYS."""
         session = self.session
         length, noise_mm = f"{session.duration_s:g}", f"{self.tracker.noise_mm:g}"
         draw = str(self.draw)
@@ -84,7 +84,7 @@ class Conditions:
 
 
 def samples(conditions: Conditions, pictures: list[GreyImage]) -> Iterator[Sample]:
-    """Frames and poses in time order; pictures: of `rendered`."""
+    """Yields frames and poses in time order. pictures: those of `rendered`."""
     session, hazard = conditions.session, conditions.hazard
     frames_s = frame_times(session)
     poses_s = np.asarray((np.arange(round(session.duration_s * POSE_HZ)) + 0.5) / POSE_HZ)
@@ -103,24 +103,24 @@ def samples(conditions: Conditions, pictures: list[GreyImage]) -> Iterator[Sampl
 
 
 def seconds(t_ns: int) -> float:
-    """Time of a session to which a stamp of its samples belongs."""
+    """Returns the time of a session to which a stamp of its samples belongs."""
     return (t_ns - _ORIGIN_NS) / 1e9
 
 
 def stamp_ns(t_s: float) -> int:
-    """The other way round."""
+    """Returns the stamp of a time of a session, the inverse of `seconds`."""
     return _ORIGIN_NS + round(t_s * 1e9)
 
 
 def frame_times(session: Session) -> Array:
-    """(n,) s."""
+    """Returns the times of the pictures, (n,) s."""
     return np.asarray(np.arange(round(session.duration_s * FPS)) / FPS)
 
 
 @lru_cache(maxsize=1)
 def rendered(session: Session, folder: Path | None) -> list[GreyImage]:
-    """Every picture of the session without a hazard, (h, w) uint8. Those in the folder are taken from there; a session
-    that is not there is rendered and written to it, as a recording that 3D Slicer and `probewatch replay` read.
+    """Returns every picture of the session without a hazard, (h, w) uint8. Those in the folder are read from there; a
+    session that is not there is rendered and written to it, as a recording that 3D Slicer and `probewatch replay` read.
     """
     path = None if folder is None else folder / f"{session.title}.igs.mha"
     if path is not None and path.exists():
@@ -139,7 +139,7 @@ def rendered(session: Session, folder: Path | None) -> list[GreyImage]:
 
 
 def _shown(session: Session, t_s: Array) -> Iterator[GreyImage]:
-    """What the grabber hands on at each time."""
+    """Yields what the grabber passes on at each time."""
     world, processing = session.world, session.world.surroundings.processing
     scanner, picture = ProcessingScanner(processing), None
     seen = zip(session.pictures(t_s), session.sights(t_s), session.touches(t_s), strict=True)
@@ -156,7 +156,7 @@ def _shown(session: Session, t_s: Array) -> Iterator[GreyImage]:
 
 
 def _poses(conditions: Conditions, t_s: Array) -> Array:
-    """(n, 4, 4) as the tracker reports them."""
+    """Returns the poses, (n, 4, 4), as the tracker reports them."""
     session, hazard, tracker = conditions.session, conditions.hazard, conditions.tracker
     true_s = t_s - hazard.change(t_s)[:, 8]
     random = np.random.default_rng((session.seed, 61, conditions.draw))

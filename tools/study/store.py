@@ -1,4 +1,4 @@
-"""Recordings in a folder or an object store that fsspec reaches: what there is, and a copy while it is needed."""
+"""Finds recordings in a folder or an object store that fsspec reaches, and copies them while they are needed."""
 
 import re
 import tempfile
@@ -16,28 +16,29 @@ from probewatch.tools.shared.found_recordings import SUFFIXES
 from probewatch.tools.study.table import INSTALL
 
 _COPY_BYTES = 1 << 22
-"""Taken from the store at once: a request of an object store costs some 50 ms, whatever its size. Not measured."""
+"""Bytes taken from the store at once: a request of an object store costs some 50 ms, whatever its size. Not
+measured."""
 
 _HEAD_BYTES = 1 << 18
-"""Taken from the store at once of a header, which is read for the state of its recording: a kB, or one a picture. More
-takes pictures with it, less takes more requests. Not measured."""
+"""Bytes taken from the store at once of a header, which is read for the state of its recording: a kB, or one a picture.
+More takes pictures with it, less takes more requests. Not measured."""
 _BOX = re.compile(r"-(?P<session>[^-/]+)-(?P<part>\d{5})\.mcap$")
-"""How a recorder names the files of one run."""
+"""Names that a recorder gives the files of one run."""
 
 
 class NotFetchedError(Exception):
-    """Why a recording did not come; another time it may."""
+    """Carries the reason why a recording could not be fetched; another time it may be."""
 
 
 def is_url(name: str) -> bool:
-    """Whether it names a place for fsspec, and not a path of this computer."""
+    """Returns whether the name is that of a place for fsspec, and not a path of this computer."""
     return "://" in name
 
 
 def listed(url: str) -> list[tuple[str, ...]]:
-    """URLs of the recordings under a folder, or of the one file that is named; the files of one run of a recorder
-    belong together. Raises ConfigurationError for what cannot be a place, or holds none, DeviceLost where it does not
-    answer.
+    """Returns the URLs of the recordings under a folder, or of the one file that is named; the files of one run of a
+    recorder belong together. Raises ConfigurationError for what cannot be a place, or holds none, DeviceLost where it
+    does not answer.
     """
     if urlsplit(url).username is not None:
         remedy = "Give them as the store's own tools take them, by environment or file"
@@ -61,20 +62,20 @@ def listed(url: str) -> list[tuple[str, ...]]:
 
 
 def state_of(urls: tuple[str, ...]) -> str:
-    """Returns what changes with the content of the files, also of those that have the pictures of a header, by the word
-    of their store; empty where it has none.
+    """Returns what changes with the content of the files, also of those that have the pictures of a header, as their
+    store reports it; empty where it has no such thing.
     """
     try:
         whole = [one for url in urls for one in (url, *_pictures_of(url))]
         return " ".join(f"{filesystem.checksum(path):x}" for filesystem, path in map(_opened, whole))
-    except Exception:  # each store has its own, and what does not answer is told when it is fetched
+    except Exception:  # each store has its own, and what does not answer is reported when it is fetched
         return ""
 
 
 @contextmanager
 def fetched(urls: tuple[str, ...]) -> Iterator[tuple[Path, ...]]:
-    """Copies on this computer, under their own names, until the context is left; the file with the pictures of a header
-    behind it. Raises NotFetchedError.
+    """Yields copies on this computer, under their own names, until the context is left; the file with the pictures of a
+    header follows it. Raises NotFetchedError.
     """
     with tempfile.TemporaryDirectory(prefix="probewatch-study-") as folder:
         yield tuple(file for number, url in enumerate(urls) for file in _copies(url, Path(folder) / str(number)))
@@ -97,7 +98,7 @@ def _named(header: Path) -> str | None:
 
 
 def _pictures_of(url: str) -> Iterator[str]:
-    """Returns the URL of the file with the pictures, of a header that has none; it is read in the store, as far as it
+    """Yields the URL of the file with the pictures, for a header that has none; it is read in the store, as far as it
     names where they are.
     """
     if url.lower().endswith(HEADERS):
@@ -109,7 +110,7 @@ def _pictures_of(url: str) -> Iterator[str]:
 
 
 def _header(stream: Iterable[bytes]) -> Iterator[bytes]:
-    """Returns the lines up to the longest header that is read; what is longer is no recording."""
+    """Yields the lines up to the longest header that is read; what is longer is not a recording."""
     taken = 0
     for line in stream:
         taken += len(line)
@@ -135,7 +136,7 @@ def _copied(url: str, folder: Path) -> Path:
 
 
 def _opened(url: str) -> tuple[Any, str]:
-    """(file system, path in it). Raises ConfigurationError."""
+    """Returns (file system, path in it). Raises ConfigurationError."""
     try:
         import fsspec  # noqa: PLC0415  an extra that a cart does not have
     except ImportError:

@@ -1,4 +1,4 @@
-"""What the rows of a study say together: coverage, truthfulness of sigmas, delays of hazards. Pure."""
+"""Summarises the rows of a study: coverage, truthfulness of sigmas, delays of hazards. It is pure."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -13,30 +13,30 @@ from probewatch.tools.study.hazard import Hazard
 
 Row = dict[str, str]
 _SURE = 0.95
-"""Of every interval."""
+"""Confidence of every interval."""
 
 
 def number(row: Row, column: str) -> float:
-    """A cell; NaN where nothing is known."""
+    """Returns the number in a cell; NaN where nothing is known."""
     return float(row[column]) if row.get(column) else nan
 
 
 def middle(values: Iterable[float]) -> float:
-    """Median of those that are known; NaN where none is."""
+    """Returns the median of the values that are known; NaN where none is."""
     known = [value for value in values if isfinite(value)]
     return median(known) if known else nan
 
 
 @dataclass(frozen=True)
 class Share:
-    """k of n, with the exact interval of Clopper and Pearson (95 %)."""
+    """Represents k of n, with the exact interval of Clopper and Pearson (95 %)."""
 
     k: int
     n: int
 
     @property
     def interval(self) -> tuple[float, float]:
-        """(low, high)."""
+        """Returns (low, high)."""
         tail = (1 - _SURE) / 2
         low = float(beta.ppf(tail, self.k, self.n - self.k + 1)) if self.k else 0.0
         high = float(beta.ppf(1 - tail, self.k + 1, self.n - self.k)) if self.k < self.n else 1.0
@@ -50,7 +50,7 @@ class Share:
 
     @property
     def brief(self) -> str:
-        """The same for a cell of a table."""
+        """Returns the share and its interval for a cell of a table."""
         if not self.n:
             return "–"
         low, high = self.interval
@@ -59,8 +59,8 @@ class Share:
 
 @dataclass(frozen=True)
 class Coverage:
-    """Healthy runs of one session, tissue, tracker, asked and profile. closed: share of each run. closed_s: median time
-    until the contact closed first. faulted: runs with a FAULT. hours: of all of them.
+    """Summarises healthy runs of one session, tissue, tracker, asked and profile. closed: share of each run. closed_s:
+    median time until the contact closed first. faulted: runs with a FAULT.
     """
 
     session: str
@@ -75,15 +75,15 @@ class Coverage:
 
     @property
     def spread(self) -> tuple[float, float, float]:
-        """Least, median and most of `closed`, %."""
+        """Returns the least, median and most of `closed`, %."""
         percent = [100 * share for share in self.closed]
         return min(percent), median(percent), max(percent)
 
 
 @dataclass(frozen=True)
 class Truth:
-    """Truth of one check over several runs. rms, worst: of the z-scores. sigma: median at the end. ratio: to the bound.
-    shown: median share of the time at which it was OK.
+    """Summarises how true one check was over several runs. rms, worst: those of the z-scores. sigma: median at the end.
+    ratio: sigma to the bound. shown: median share of the time at which it was OK.
     """
 
     rms: float
@@ -95,9 +95,9 @@ class Truth:
 
 @dataclass(frozen=True)
 class Detection:
-    """Runs with one hazard and profile, in all sessions. named: as `rightly_named`. fault_s, opened_s: medians from its
-    onset. gross: runs in which it was told OK, or the contact closed again, with a parameter twice its limit away; of
-    none where the hazard has no limit.
+    """Summarises runs with one hazard and profile, in all sessions. named: as `rightly_named`. fault_s, opened_s:
+    medians from its onset. gross: runs in which OK was reported, or the contact closed again, with a parameter twice
+    its limit away; of none where the hazard has no limit.
     """
 
     hazard: str
@@ -110,25 +110,25 @@ class Detection:
 
 
 def coverages(rows: Sequence[Row]) -> list[Coverage]:
-    """One for each session, tissue and tracker, as they come in the table's first rows."""
+    """Returns a Coverage for each session, tissue, tracker, asked and profile, sorted by these."""
     healthy = [row for row in rows if row["hazard"] == "none"]
     order = list(dict.fromkeys(_place(row) for row in healthy))
     return [_coverage(place, [row for row in healthy if _place(row) == place]) for place in sorted(order)]
 
 
 def detections(rows: Sequence[Row]) -> list[Detection]:
-    """One for each hazard and profile."""
+    """Returns a Detection for each hazard and profile."""
     sick = sorted((row for row in rows if row["hazard"] != "none"), key=_wrong)
     return [_detection(*key, list(same)) for key, same in groupby(sick, key=_wrong)]
 
 
 def healthy_hours(rows: Sequence[Row], fps: float) -> float:
-    """Hours of sessions without a hazard."""
+    """Returns the hours of sessions without a hazard."""
     return sum(number(row, "frames") for row in rows if row["hazard"] == "none") / fps / 3600
 
 
 def false_rate_per_hour(faults: int, hours: float) -> float:
-    """Upper limit (95 %) of a rate of which so many events were seen."""
+    """Returns the upper limit (95 %) of the rate of events of which this number was seen."""
     return float(beta.ppf(_SURE, faults + 1, 1e9)) * 1e9 / hours if hours else nan
 
 
@@ -147,7 +147,7 @@ def _coverage(place: tuple[str, str, str, str, str], rows: list[Row]) -> Coverag
 
 
 def truth_of(name: str, rows: Sequence[Row]) -> Truth:
-    """Truth of a check in these runs; NaN where it was never measured."""
+    """Returns the truth of a check in these runs; NaN where it was never measured."""
     looks = sum(number(row, f"{name} looks") for row in rows)
     squares = sum(number(row, f"{name} squares") for row in rows)
     return Truth(
@@ -160,7 +160,9 @@ def truth_of(name: str, rows: Sequence[Row]) -> Truth:
 
 
 def rightly_named(hazard: Hazard, row: Row) -> bool:
-    """Whether it was named as what it is before anything else was; of two at once, both and nothing else."""
+    """Returns whether the hazard was named as what it is before anything else was; of two at once, both and nothing
+    else.
+    """
     names = row["faults"].split()
     if hazard.beside is None:
         return names[:1] == [hazard.fault]

@@ -1,4 +1,6 @@
-"""The table of a study: one CSV file, a row for each run, that grows while the study lasts and is taken up again."""
+"""Keeps the table of a study: one CSV file, a row for each run, that grows while the study lasts and can be
+continued.
+"""
 
 import csv
 import hashlib
@@ -14,18 +16,18 @@ from probewatch.drivers.errors import ConfigurationError
 from probewatch.drivers.files.atomic_file import check_folder_writable
 
 INSTALL = "Install it, in the project's folder: .venv/bin/pip install '.[study]'"
-"""What to do where a package is missing that a cart does not need; probewatch is on no index, so it has a path."""
+"""Remedy where a package is missing that a cart does not need; probewatch is on no index, so it has a path."""
 
 CODE = "code"
 """Column with the digest of the code that made the row."""
 COMMIT = "commit"
 """Column with the commit that was checked out, or the version of an installed package."""
 _DIGITS = 12
-"""Hexadecimal, of that digest: no two states of the code share them by chance."""
+"""Hexadecimal digits of that digest: no two states of the code share them by chance."""
 
 
 def code_digest() -> str:
-    """Digest of what a run's figures depend on: the sources of appliance, drivers and the study itself."""
+    """Returns the digest of what a run's figures depend on: the sources of appliance, drivers and the study itself."""
     digest = hashlib.sha256()
     for root in (*(Path(str(package.__file__)).parent for package in (appliance, drivers)), Path(__file__).parent):
         for source in sorted((*root.rglob("*.py"), *root.rglob("*.[ch]"))):
@@ -34,7 +36,7 @@ def code_digest() -> str:
 
 
 def commit() -> str:
-    """What was checked out; "+" says that files differed from it."""
+    """Returns what was checked out; "+" means that files differed from it."""
     told = ("git", "-C", str(Path(__file__).parent), "describe", "--always", "--abbrev=12", "--exclude=*", "--dirty=+")
     try:
         return subprocess.run(told, capture_output=True, text=True, check=True).stdout.strip()
@@ -43,8 +45,8 @@ def commit() -> str:
 
 
 class StudyTable:
-    """keys: columns that name a row. rows: those that were there and those added since. Raises ConfigurationError for a
-    file that is something else, or has rows of another code.
+    """Keeps the rows of one file. keys: columns that name a row. rows: those that were there and those added since.
+    Raises ConfigurationError for a file that is something else, or has rows of other code.
     """
 
     def __init__(self, path: Path, keys: Sequence[str]) -> None:
@@ -62,11 +64,11 @@ class StudyTable:
 
     @property
     def done(self) -> set[tuple[str, ...]]:
-        """Keys of all rows."""
+        """Returns the keys of all rows."""
         return {tuple(row[key] for key in self._keys) for row in self.rows}
 
     def add(self, rows: Iterable[dict[str, str]]) -> None:
-        """Write rows to the end of the file; they are on the disk when this returns."""
+        """Appends rows to the file; they are on the disk when this returns."""
         text = io.StringIO()
         writer: csv.DictWriter[str] | None = None
         for row in rows:

@@ -17,17 +17,15 @@ _T = TypeVar("_T")
 _R = TypeVar("_R")
 
 _ANSWER_S = 10
-"""For a scheduler to answer: one in the same building does within a second."""
+"""Seconds for a scheduler to answer: one in the same building does within a second."""
 _LOOK_S = 15.0
-"""Without a result until the scheduler is asked whether it still answers: its connection outlives one that hangs. How
-late that is noticed, against asking one whose tasks are long. Not measured.
-"""
+"""Seconds without a result until the scheduler is asked whether it still answers: its connection outlives one that
+hangs. More notices that later, less asks one whose tasks are long. Not measured."""
 _POLL_S = 0.02
-"""Between two looks for a result; a task takes a second or more."""
+"""Seconds between two looks for a result; a task takes a second or more."""
 _FIRST_WAIT_S, _LONGEST_WAIT_S = 1.0, 30.0
-"""Before a scheduler that has gone is tried again, doubled each time: how late it is noticed that it is back, against
-knocking on its door.
-"""
+"""Seconds before a scheduler that has gone is tried again, doubled each time. More notices later that it is back, less
+tries to connect more often."""
 
 Say = Callable[[str], None]
 
@@ -35,9 +33,9 @@ Say = Callable[[str], None]
 def results(
     work: Callable[[_T], _R], tasks: Iterable[_T], jobs: int, scheduler: str | None, say: Say = lambda _: None
 ) -> Generator[_R, None, None]:
-    """work(task) of every task, in the order in which they end. Raises DeviceLost where a worker died, or where the
-    scheduler did not answer in the first place; one that vanishes or hangs later is told to `say`, waited for, and
-    given again what it had not done. Raises what work raises. Where it raises, or is closed before its end, the
+    """Yields work(task) of every task, in the order in which they end. Raises DeviceLost where a worker died, or where
+    the scheduler did not answer in the first place; one that vanishes or hangs later is reported to `say`, waited for,
+    and given again what it had not done. Raises what work raises. Where it raises, or is closed before its end, the
     processes of this computer are killed.
     """
     return _local(work, list(tasks), jobs) if scheduler is None else _remote(work, list(tasks), scheduler, say)
@@ -65,7 +63,7 @@ def _local(work: Callable[[_T], _R], tasks: list[_T], jobs: int) -> Generator[_R
 
 
 def _begin() -> None:
-    """Make a worker end with its parent, which alone decides what Ctrl-C ends."""
+    """Makes a worker end with its parent, which alone decides what Ctrl-C ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     end_with_parent(signal.SIGKILL)
 
@@ -82,7 +80,7 @@ def _remote(work: Callable[[_T], _R], tasks: list[_T], scheduler: str, say: Say)
         raise DeviceLost(
             f"does not answer: {error}", scheduler, "Start the Dask scheduler, or check the address"
         ) from error
-    # Of a connection that ends it writes tracebacks; what there is to know of it is told in words.
+    # It writes tracebacks when a connection ends; the user gets that information in words.
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     left = dict(enumerate(tasks))
     while True:
@@ -98,8 +96,8 @@ def _remote(work: Callable[[_T], _R], tasks: list[_T], scheduler: str, say: Say)
 def _until_lost(
     distributed: Any, client: Any, work: Callable[[_T], _R], left: dict[int, _T]
 ) -> Generator[_R, None, str]:
-    """What each task gave, which is taken from `left`, until all are done or the scheduler is lost; in words, how.
-    Raises DeviceLost for a task that kills its workers.
+    """Yields the result of each task, which is taken from `left`, until all are done or the scheduler is lost; returns
+    how it was lost, in words. Raises DeviceLost for a task that kills its workers.
     """
     futures = {client.submit(work, task, pure=False): number for number, task in left.items()}
     done, heard_s = distributed.as_completed(list(futures)), time.monotonic()
@@ -133,7 +131,7 @@ def _answers(client: Any) -> bool:
 
 
 def _again(distributed: Any, scheduler: str) -> Any:
-    """A client of the scheduler, once it is back."""
+    """Returns a client of the scheduler, once it is back."""
     wait_s = _FIRST_WAIT_S
     while True:
         time.sleep(wait_s)

@@ -1,1 +1,1 @@
-"""A Polaris, Vega or Aurora below the parser."""
+"""Simulates a Polaris, Vega or Aurora below the parser."""

@@ -1,6 +1,7 @@
-"""A Polaris, Vega or Aurora below the parser: modes, port handles, error codes and tracking replies.
+"""Simulates a Polaris, Vega or Aurora below the parser: modes, port handles, error codes and tracking replies.
 
-No line, no process and no waiting here: `answer(line, t_s)` takes one request and gives the bytes of the reply.
+There is no line, no process and no waiting here: `answer(line, t_s)` takes one request and returns the bytes of the
+reply.
 """
 
 from collections.abc import Callable, Mapping
@@ -20,18 +21,18 @@ from probewatch.drivers.twins.ndi.tracking_replies import Measured, bx2_frame, b
 from probewatch.drivers.twins.tool_motion import PoseAt
 
 BUMPED, TOO_HOT, PTP_LOST = 0x200000, 0x20000000, 0x80000000
-"""Bits of the alert masks; PTP_LOST is none on the wire, where only BX2 has a code for it."""
+"""Bits of the alert masks. PTP_LOST is not one of them on the wire, where only BX2 has a code for it."""
 
 _ALERTS_PENDING, _TEMPERATURE = 0x0100, 0x0200
 _BX2_ALERTS = {0x100000: (1, 1), BUMPED: (1, 2), TOO_HOT: (1, 8), 0x40000000: (1, 9), PTP_LOST: (1, 14)}
-"""Combined API, written apart from the driver's numbers: bits of the system status; bit of an alert → (kind, code) of
-BX2's alert component."""
+"""Combined API, written independently of the driver's numbers: bits of the system status; bit of an alert → (kind,
+code) of BX2's alert component."""
 
 _EPOCH_S = 1_750_000_000
-"""Unix time at world time 0 by the clock of BX2: a day in 2025, so that seconds are as large as on a real device."""
+"""Unix time at world time 0 on the clock of BX2: a day in 2025, so that seconds are as large as on a real device."""
 
 _STEP_BACK_S = 5.0
-"""By which that clock is behind without its master: far more than a delay, so that it cannot pass for one."""
+"""Seconds by which that clock is behind without its master: far more than a delay, so that it cannot pass for one."""
 _QUESTIONS = ("APIREV", "BEEP", "BX", "GET", "GETINFO", "SFLIST", "TX", "VER")
 _SETTINGS = ("COMM", "DSTART", "DSTOP", "INIT", "IRATE", "SET", "TSTART", "TSTOP", "VSEL")
 _CHANGES = frozenset({*_SETTINGS, *PortHandles.CHANGES}) - {"INIT"}
@@ -41,7 +42,7 @@ _SFLIST = {"00": "00000013", "01": "0", "02": "9", "03": "0", "04": "1", "05": "
 
 
 class Mode(Enum):
-    """What the device is willing to do."""
+    """Names the modes of the device, which determine the commands that it accepts."""
 
     SETUP = "Setup"
     INITIALISED = "Initialized"
@@ -50,10 +51,12 @@ class Mode(Enum):
 
 
 class CombinedApi:
-    """pose_at: where tools are. track_hz: one of the model's. skew_ppm: of the device's clock. wired: of WIRED_TOOLS.
+    """Answers requests as the device does. pose_at: where the tools are. track_hz: one of the model's. skew_ppm: that
+    of the device's clock. wired: some of WIRED_TOOLS.
 
-    The attributes are the test bench: handles, new_alerts, system_status, hold_s (measure no more since then) and
-    faults (name → second since when, see drivers.twins.ndi.measurement) may be set.
+    The attributes serve a test bench: handles, new_alerts, system_status, hold_s (world second after which there are no
+    more measurements) and faults (name → second since which it has been on, see drivers.twins.ndi.measurement) may be
+    set.
     """
 
     def __init__(
@@ -80,11 +83,13 @@ class CombinedApi:
 
     @property
     def ports(self) -> dict[int, Port]:
-        """Handle → port."""
+        """Returns the ports by their handle."""
         return self.handles.ports
 
     def reset(self) -> None:
-        """Reset, as after power-up or a break: no handles, 9600 baud, set-up mode. Only a bump is remembered."""
+        """Resets the device, as power-up or a break does: no handles, 9600 baud, set-up mode. Only a bump is
+        remembered.
+        """
         self.mode = Mode.SETUP
         self.baud = 9600
         self.handles.clear()
@@ -94,9 +99,9 @@ class CombinedApi:
         self._sent_frame: int | None = None
 
     def answer(self, line: bytes, t_s: float, monitor: bool = False) -> bytes:
-        """The reply to one request with its CR, at world time t_s. A new line speed holds only after the reply.
+        """Returns the reply to one request with its CR, at world time t_s. A new line speed holds only after the reply.
 
-        monitor: it came over a connection that may only look, because another one came first.
+        monitor: whether the request came over a connection that may only query, because another one came first.
         """
         try:
             command = decode_command(line)
@@ -113,27 +118,27 @@ class CombinedApi:
         return reply if isinstance(reply, bytes) else encode_text(reply)
 
     def raise_alert(self, mask: int) -> None:
-        """Something happens that the device reports from now on."""
+        """Raises an alert, which the device reports from now on."""
         self.alerts |= mask
         self.new_alerts |= mask
         self.bumped = self.bumped or bool(mask & BUMPED)
 
     def end_alert(self, mask: int) -> None:
-        """The condition is over; what was reported as new stays so until it is read."""
+        """Ends the condition of an alert; what was reported as new stays so until it is read."""
         self.alerts &= ~mask
 
     def jump_counter(self, counts: int) -> None:
-        """Shift the frame counter against the time."""
+        """Shifts the frame counter against the time."""
         self._counter_zero -= counts
 
     def frame(self, t_s: float) -> int:
-        """Counter value of the last measurement at world time t_s."""
+        """Returns the counter value of the last measurement at world time t_s."""
         measured_s = t_s if self.hold_s is None else min(t_s, self.hold_s)
         counts = int(measured_s * self.counter_hz * self._rate) - self._counter_zero - self.model.counter_phase
         return max(counts, 0) // self._step * self._step + self.model.counter_phase
 
     def frame_s(self, frame: int) -> float:
-        """World time at which that measurement was true."""
+        """Returns the world time at which that measurement was true."""
         return (frame + self._counter_zero) / (self.counter_hz * self._rate)
 
     def _perform(self, command: Command, t_s: float) -> str | bytes:
@@ -307,7 +312,9 @@ class CombinedApi:
         )
 
     def _device_ns(self, frame: int) -> int:
-        """The device's own clock at a measurement; without its master it loses five seconds."""
+        """Returns the time of a measurement by the device's own clock; without its master the clock loses five
+        seconds.
+        """
         counts = (frame + self._counter_zero) * 1_000_000_000 // self.counter_hz
         return _EPOCH_S * 1_000_000_000 + counts - round(_STEP_BACK_S * 1e9) * bool(self.alerts & PTP_LOST)
 

@@ -1,4 +1,4 @@
-"""What a simulated tracker makes of one tool at one moment, and how its faults show in it."""
+"""Computes what a simulated tracker measures of one tool at one moment, and how its faults show in it."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -28,28 +28,32 @@ TOOL_FAULTS = (
     "sparse-poses",
     "witness-missing",
 )
-"""bend-witness, witness-missing: of further tools, which sit on the probe. sparse-poses: `missing` but for one
-measurement in ONE_IN."""
+"""Names of the faults of tools. bend-witness and witness-missing strike further tools, which sit on the probe.
+sparse-poses: `missing` but for one measurement in ONE_IN."""
 
 ONE_IN = 12
-"""Poses of sparse-poses: at 20 Hz one in .6 s, further apart than the pairing of pictures bridges (.25 s)."""
+"""Measurements per pose of sparse-poses: at 20 Hz one in .6 s, further apart than the pairing of pictures bridges (.25
+s)."""
 
 _OUTSIDE, _PARTLY_OUTSIDE, _INTERFERENCE = 0x0040, 0x0080, 0x0200
 _NIBBLE_USED, _NIBBLE_USED_OUTSIDE, _NIBBLE_OUTSIDE = 3, 4, 5
 """Combined API: bits of the port status, and states of a marker in the tool information."""
 
 _DRIFTING_MARKER, _DRIFT_MM_PER_S, _FURTHEST_DRIFT_MM = 2, 2.0, 5.0
-"""The marker with this index creeps along x, so that checks see the misfit grow; 5 mm leave an RMS beyond 1 mm
-(tests/drivers/trackers/ndi/test_models.py), past the limit of 0.75."""
+"""Index, mm/s and mm. The marker with this index creeps along x, so that checks see the misfit grow; 5 mm leave an RMS
+beyond 1 mm (tests/drivers/trackers/ndi/test_models.py), past the limit of 0.75."""
 
 _DISTORTION_S, _DISTORTION_MM, _DISTORTION_INDICATOR = 2.0, (4.0, -2.5, 1.0), 2.5
-"""In two seconds the pose is off by nearly 5 mm, oblique to all axes, and the indicator passes the limit of 1.5 before
-the device itself complains (tests/drivers/trackers/ndi/test_models.py). A made-up course, not that of an Aurora."""
+"""Seconds, mm and indicator value. In two seconds the pose is off by nearly 5 mm, oblique to all axes, and the
+indicator passes the limit of 1.5 before the device itself complains (tests/drivers/trackers/ndi/test_models.py). The
+course is made up and not that of an Aurora."""
 
 
 @dataclass(frozen=True, slots=True)
 class Measurement:
-    """transform: None where the tool is not seen. status: bits for the port status. positions_mm, outside: (n,)."""
+    """Holds what the tracker sees of one tool. transform: None where the tool is not seen. status: bits for the port
+    status. positions_mm, outside: (n,) markers.
+    """
 
     transform: Transform | None
     status: int = 0
@@ -69,19 +73,21 @@ class Measurement:
         return bool(self.status & _INTERFERENCE)
 
     def markers(self, everywhere: bool) -> Markers:
-        """Markers for TX and BX. everywhere: positions outside the volume are wanted as well."""
+        """Returns the markers for TX and BX. everywhere: whether positions outside the volume are wanted as well."""
         pairs = zip(self.positions_mm, self.outside, strict=True)
         return Markers(self.outside, tuple(place if everywhere or not out else None for place, out in pairs))
 
     def information(self) -> ToolInformation:
-        """Information for TX and BX."""
+        """Returns the tool information for TX and BX."""
         used = _NIBBLE_OUTSIDE if self.transform is None else _NIBBLE_USED_OUTSIDE
         nibbles = [used if out else _NIBBLE_USED for out in self.outside]
         return ToolInformation(0, tuple(nibbles + [0] * (MOST_MARKERS - len(nibbles))))
 
 
 def faults_of(faults: Mapping[str, float], count: int) -> Mapping[str, float]:
-    """Those that act on the count-th measurement of the device; name → second since when it has been on."""
+    """Returns the faults that act on the count-th measurement of the device; name → second since which it has been
+    on.
+    """
     hidden = "sparse-poses" in faults and count % ONE_IN != 0
     return {**faults, "missing": faults["sparse-poses"]} if hidden else faults
 
@@ -89,10 +95,10 @@ def faults_of(faults: Mapping[str, float], count: int) -> Mapping[str, float]:
 def measure(
     pose_at: PoseAt, tool: str, definition: Points, fit_mm: float, t_s: float, number: int, faults: Mapping[str, float]
 ) -> Measurement:
-    """The tool at world time t_s. definition: (n, 3) mm, n 0 for a sensor without markers.
+    """Measures the tool at world time t_s. definition: (n, 3) mm, n 0 for a sensor without markers.
 
-    fit_mm: error field in health. faults: name → world second since when it has been on; those of the probe's marker
-    body, and the disturbances, act on the probe alone.
+    fit_mm: error field when all is well. faults: name → world second since which it has been on; those of the probe's
+    marker body, and the disturbances, act on the probe alone.
     """
     if on_probe(tool):
         return _second(pose_at, tool, definition, fit_mm, t_s, number, faults)
@@ -118,7 +124,7 @@ def measure(
 def _second(
     pose_at: PoseAt, tool: str, definition: Points, fit_mm: float, t_s: float, number: int, faults: Mapping[str, float]
 ) -> Measurement:
-    """A second body on the probe; the tracker is late with both."""
+    """Measures a second body on the probe; the tracker is late with both."""
     true = pose_at(tool, pose_time_s(t_s, faults), number)
     if true is None or "witness-missing" in faults:
         return Measurement(None)
@@ -126,7 +132,7 @@ def _second(
 
 
 def _near_metal(pose: Matrix4, pose_at: PoseAt, t_s: float, number: int, since_s: float) -> Matrix4:
-    """Metal that the indicator value does not show."""
+    """Applies metal that the indicator value does not show."""
     before = pose_at(PROBE, since_s, number)
     return pose if before is None else near_metal(pose, before, t_s - since_s)
 
@@ -134,7 +140,7 @@ def _near_metal(pose: Matrix4, pose_at: PoseAt, t_s: float, number: int, since_s
 def _fitted(
     pose: Matrix4, places: Points, definition: Points, fit_mm: float, status: int, outside: tuple[bool, ...]
 ) -> Measurement:
-    """The tracker fits the definition to the markers where it finds them."""
+    """Fits the definition to the markers where the tracker finds them, as the tracker does."""
     measured = places @ pose[:3, :3].T + pose[:3, 3]
     moved = not np.array_equal(places, definition)
     fitted = marker_geometry(measured, definition) if moved else None
@@ -145,7 +151,9 @@ def _fitted(
 
 
 def _distorted(pose: Matrix4, fit_mm: float, share: float, status: int) -> Measurement:
-    """Metal near the field: the pose creeps away while the indicator value rises; in the end the device notices."""
+    """Applies metal near the field: the pose creeps away while the indicator value rises; in the end the device
+    notices.
+    """
     share = min(max(share, 0.0), 1.0)
     bent = pose.copy()
     bent[:3, 3] += share * np.array(_DISTORTION_MM)
@@ -155,7 +163,7 @@ def _distorted(pose: Matrix4, fit_mm: float, share: float, status: int) -> Measu
 
 
 def transform_of(matrix: Matrix4, error: float) -> Transform:
-    """A pose in the single precision of the protocol."""
+    """Returns a pose in the single precision of the protocol."""
     x, y, z, w = Rotation.from_matrix(matrix[:3, :3]).as_quat().astype(np.float32).tolist()
     tx, ty, tz = matrix[:3, 3].astype(np.float32).tolist()
     return Transform((w, x, y, z), (tx, ty, tz), float(np.float32(error)))

@@ -1,4 +1,4 @@
-"""What sets the simulated trackers apart: names, counters, rates and commands."""
+"""Defines what distinguishes the simulated trackers: names, counters, rates and commands."""
 
 from dataclasses import dataclass
 
@@ -8,11 +8,11 @@ _LINE_SPEEDS = {"0": 9600, "1": 14400, "2": 19200, "3": 38400, "4": 57600, "5": 
 
 @dataclass(frozen=True, slots=True)
 class Model:
-    """One kind of tracker.
+    """Describes one kind of tracker.
 
-    counter_hz: of the frame counter. counter_phase: remainder of every frame number modulo the step of the counter.
-    track_hz: measurements a second it can do, the usual rate first. bauds: digit of COMM → bits per second.
-    fit_mm: error field of a tool in health. network: speaks TCP, without a line speed.
+    counter_hz: rate of the frame counter. counter_phase: remainder of every frame number modulo the step of the
+    counter. track_hz: measurements a second that it can make, the usual rate first. bauds: digit of COMM → bits per
+    second. fit_mm: error field of a tool when all is well. network: whether it speaks TCP, without a line speed.
     """
 
     name: str
@@ -33,7 +33,7 @@ class Model:
 
     @property
     def version(self) -> str:
-        """What VER 0 and VER 4 answer."""
+        """Returns the answer to VER 0 and VER 4."""
         return (
             f"{self.title} Control Firmware\nNDI S/N: {self.serial_number}\nCharacterization Date: 06/05/24\n"
             f"Freeze Tag: {self.freeze_tag}\nFreeze Date: 01/04/10\n(C) Northern Digital Inc.\n"
@@ -91,6 +91,6 @@ AURORA = Model(
     electromagnetic=True,
 )
 """Names, versions and rates as public clients and recordings have them of such devices; serial numbers are made up. A
-Vega counts its own frames, an Aurora V3 in steps of eight with remainder 6."""
+Vega counts its own frames, an Aurora V3 counts in steps of eight with remainder 6."""
 
 MODELS = {model.name: model for model in (VICRA, SPECTRA, VEGA, AURORA)}

@@ -1,4 +1,4 @@
-"""Port handles of a simulated Polaris, Vega or Aurora: what is plugged in or loaded, and the commands for one tool."""
+"""Keeps the port handles of a simulated Polaris, Vega or Aurora, and answers the commands for one tool."""
 
 import struct
 from collections.abc import Callable
@@ -11,7 +11,7 @@ from probewatch.drivers.twins.ndi.tool_definitions import make_rom
 from probewatch.drivers.twins.tool_motion import PROBE, REFERENCE
 
 WIRED_TOOLS = ("probe", "reference", "dual", "unprogrammed")
-"""What may hang on a cable; a dual tool is two sensors of five degrees of freedom behind one plug."""
+"""Kinds of tools that may be on a cable; a dual tool is two sensors of five degrees of freedom behind one plug."""
 
 _ROM_SPACE = 1024
 """Bytes of a tool's memory: some clients write sixteen chunks of 64 where a definition has twelve."""
@@ -19,9 +19,9 @@ _ROM_SPACE = 1024
 
 @dataclass(slots=True)
 class Port:
-    """One port handle. socket: number of the plug, 0 for a wireless tool. channel: 0 or 1 of a dual tool.
+    """Represents one port handle. socket: number of the plug, 0 for a wireless tool. channel: 0 or 1 of a dual tool.
 
-    seen: the camera has the tool in view. extra_status: bits added to the port status.
+    seen: whether the camera has the tool in view. extra_status: bits added to the port status.
     """
 
     rom: bytearray = field(default_factory=lambda: bytearray(_ROM_SPACE))
@@ -35,17 +35,17 @@ class Port:
 
     @property
     def status(self) -> int:
-        """Port status of PHSR and TX: occupied, initialised, enabled."""
+        """Returns the port status of PHSR and TX: occupied, initialised, enabled."""
         return 0x01 | 0x10 * self.initialised | 0x20 * self.enabled
 
     @property
     def main_type(self) -> int:
-        """The kind of tool its definition names."""
+        """Returns the kind of tool that its definition names."""
         return self.rom[15] or PROBE_TYPE
 
 
 class RefuseError(Exception):
-    """The device answers ERROR and this code."""
+    """Makes the device answer ERROR and this code."""
 
     def __init__(self, code: int) -> None:
         super().__init__(code)
@@ -53,9 +53,9 @@ class RefuseError(Exception):
 
 
 class PortHandles:
-    """The handles that the device has given out, and its answers to QUESTIONS and CHANGES about them.
+    """Tracks the handles that the device has given out, and answers QUESTIONS and CHANGES about them.
 
-    wired: of WIRED_TOOLS, what INIT finds on the plugs.
+    wired: those of WIRED_TOOLS that INIT finds on the plugs.
     """
 
     QUESTIONS = ("PHINF", "PHSR")
@@ -70,7 +70,7 @@ class PortHandles:
         self.ports = {}
 
     def plug_in(self) -> None:
-        """INIT after a reset: a handle for each plug, and no other."""
+        """Gives a handle to each plug, and no other, as INIT does after a reset."""
         self.ports = {number: _wired_port(number, kind) for number, kind in enumerate(self.wired, 1)}
 
     def perform(self, name: str, arguments: str) -> str:
@@ -79,7 +79,7 @@ class PortHandles:
         return reply
 
     def names(self) -> dict[int, str]:
-        """What the motion calls the tools: probe, reference, then by number."""
+        """Returns the names that the motion has for the tools, by handle: probe, reference, then by number."""
         names: dict[int, str] = {}
         for handle, port in sorted(self.ports.items()):
             wanted = REFERENCE if port.main_type == REFERENCE_TYPE else PROBE
@@ -182,6 +182,6 @@ class PortHandles:
 
 
 def _wired_port(number: int, kind: str) -> Port:
-    """A plug as the device finds it at INIT."""
+    """Returns a plug as the device finds it at INIT."""
     rom = make_rom(REFERENCE_TYPE if kind == "reference" else PROBE_TYPE)
     return Port(bytearray(rom.ljust(_ROM_SPACE, b"\0")), number, programmed=kind != "unprogrammed")

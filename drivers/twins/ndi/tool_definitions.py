@@ -1,4 +1,4 @@
-"""Generic tool definitions for the simulated trackers."""
+"""Makes generic tool definitions for the simulated trackers."""
 
 import struct
 
@@ -8,17 +8,17 @@ REFERENCE, PROBE = 0x01, 0x02
 """Combined API: main types of tools."""
 
 MARKERS_MM = ((0.0, 0.0, 0.0), (46.5, 28.3, 0.0), (38.2, -33.9, 0.0), (98.0, -4.6, 0.0))
-"""A made-up body of common size; its six distances are 51 to 98 mm, and differ by 1.6 mm and more."""
+"""Markers of a made-up body of common size; its six distances are 51 to 98 mm, and differ by 1.6 mm and more."""
 
 
 _SECOND = 1.4
-"""Size of a second body on a probe, in that of the first: its six distances differ from those of the first by 4.8 mm
+"""Size of a second body on a probe, relative to the first: its six distances differ from those of the first by 4.8 mm
 and more, so that a tracker distinguishes the two."""
 
 
 def make_rom(main_type: int = PROBE, markers: bool = True, second: bool = False) -> bytes:
-    """The 752 bytes of a tool. main_type: REFERENCE or PROBE. markers: four of them, or none for an Aurora sensor.
-    second: a body of its own size, to sit on a probe beside another.
+    """Returns the 752 bytes of a tool. main_type: REFERENCE or PROBE. markers: whether it has four of them, or none as
+    an Aurora sensor. second: whether it is a body of its own size, to sit on a probe beside another.
     """
     image = bytearray(ROM_BYTES)
     image[:4] = b"NDI\0"

@@ -1,4 +1,4 @@
-"""A simulated NDI tracker on its line: timing of the bytes, line speeds, restarts, and faults while it runs."""
+"""Simulates an NDI tracker on its line: timing of the bytes, line speeds, restarts, and faults while it runs."""
 
 from collections.abc import Callable
 from contextlib import suppress
@@ -14,7 +14,8 @@ from probewatch.drivers.twins.ndi.measurement import TOOL_FAULTS
 from probewatch.drivers.twins.pty_line import IDLE_S, TwinLine
 
 BOOT_S = 1.0
-"""Seconds for which a restart leaves it deaf. Programs allow real devices 0.5 to 7 s; more makes tests longer."""
+"""Seconds for which the device does not listen after a restart. Programs allow real devices 0.5 to 7 s; more makes
+tests longer."""
 
 NDI_FAULTS = (
     *TOOL_FAULTS,
@@ -34,25 +35,29 @@ NDI_FAULTS = (
     "truncate",
     "unplug",
 )
-"""corrupt-crc, extra-bytes and truncate strike every other tracking reply. baud-mismatch, bump, counter-jump and reset
-happen once when they come on; the others last as long as they are on. lose-tracker and no-reply are one and the same,
-and so are stale-tracker and stale-counter."""
+"""Names of the tracker's faults. corrupt-crc, extra-bytes and truncate strike every other tracking reply.
+baud-mismatch, bump, counter-jump and reset happen once when they come on; the others last as long as they are on.
+lose-tracker and no-reply are one and the same, and so are stale-tracker and stale-counter."""
 
 _SLOW_BAUD = 200
-"""One byte in 50 ms: something always comes within the driver's deadline, and never a whole reply."""
+"""Bits per second, one byte in 50 ms: something always comes within the driver's timeout, and never a whole reply."""
 
 _OTHER_BAUD = 38400
-"""A speed that every model has and no program leaves behind, so that finding it needs the whole search."""
+"""Bits per second: a speed that every model has and no program leaves set, so that finding it needs the whole
+search."""
 
 _JUMP_COUNTS = 100_000
-"""28 minutes at 60 Hz: beyond all delays, and far from half of the counter's range, where forward becomes backward."""
+"""Counts, 28 minutes at 60 Hz: beyond all delays, and far from half of the counter's range, where forward becomes
+backward."""
 _JUNK = bytes.fromhex("0ac4a5ff00")
 
 Spoil = Callable[[bytes], bytes]
 
 
 class NdiTwin:
-    """The device on its line. device: the state machine within. spoil: changes tracking replies before they go out."""
+    """Runs the device on its line. device: the state machine within. spoil: changes tracking replies before they go
+    out.
+    """
 
     def __init__(self, line: TwinLine, clock: HostClock, device: CombinedApi, control: FaultControl) -> None:
         self.device, self.control = device, control
@@ -65,7 +70,7 @@ class NdiTwin:
         self._reset_asked = Event()
 
     def run(self, stop: Event) -> None:
-        """Serve the line until stop is set."""
+        """Serves the line until stop is set."""
         while not stop.is_set():
             self._follow(self.control.active(self._now_s()))
             if self._reset_asked.is_set():
@@ -80,11 +85,11 @@ class NdiTwin:
 
     @property
     def starting(self) -> bool:
-        """Deaf, because it was commanded to start again and has not yet done so."""
+        """Returns whether the device does not listen because it was commanded to restart and has not yet done so."""
         return self._reset_asked.is_set() or self._boot_ns is not None
 
     def reset(self) -> None:
-        """The device restarts, as after a power glitch or a break: deaf for a second, then RESET at 9600 baud."""
+        """Restarts the device, as a power glitch or a break does: no answers for a second, then RESET at 9600 baud."""
         self._reset_asked.set()
 
     def _reset(self) -> None:
@@ -108,7 +113,7 @@ class NdiTwin:
         return (self._clock.now_ns() - self._clock.origin_ns) / 1e9
 
     def _follow(self, active: frozenset[str]) -> None:
-        """What comes on and what goes off since last time."""
+        """Applies what comes on and ends what goes off since the last call."""
         now_s = self._now_s()
         gone, come = self._since.keys() - active, active - self._since.keys()
         self._since = {name: self._since.get(name, now_s) for name in active}
@@ -117,7 +122,7 @@ class NdiTwin:
             self._end(name)
         for name in sorted(come):
             self._begin(name, now_s)
-        with suppress(BrokenPipeError):  # of a parent that no longer reads
+        with suppress(BrokenPipeError):  # from a parent that no longer reads
             self._events.faults(active, self.control.new_refusal())
 
     def _begin(self, name: str, now_s: float) -> None:
@@ -152,7 +157,7 @@ class NdiTwin:
                 self._line.plug()
 
     def _hear(self, data: bytes, stop: Event) -> None:
-        """Bytes at another speed than the device's are noise; a NUL stands for a break."""
+        """Takes bytes from the host: those at another speed than the device's are noise; a NUL stands for a break."""
         if b"\0" in data and not self.device.model.network:
             self._reset()
             return
@@ -164,7 +169,7 @@ class NdiTwin:
             self._answer(line, stop)
 
     def _answer(self, line: bytes, stop: Event) -> None:
-        """Reply in the time both directions take on the line; a new line speed holds from the next byte on."""
+        """Replies in the time that both directions take on the line; a new line speed holds from the next byte on."""
         if line.startswith((b"RESET:", b"RESET ")):
             self._reset()
             return
@@ -182,7 +187,7 @@ class NdiTwin:
             self._line.write(reply, baud, start_ns)
 
     def _spoilt(self, reply: bytes) -> bytes:
-        """Faults of the bytes strike every other tracking reply, so that asking again helps."""
+        """Spoils the bytes of every other tracking reply, so that asking again helps."""
         self._replies += 1
         if self._replies % 2:
             return reply
@@ -193,7 +198,7 @@ class NdiTwin:
         return reply + (_JUNK if "extra-bytes" in self._since else b"")
 
     def _trickle(self, reply: bytes, stop: Event) -> None:
-        """Byte after byte as at 200 baud, until the fault ends."""
+        """Sends byte after byte as at 200 baud, until the fault ends."""
         for i in range(len(reply)):
             if stop.is_set() or "slow" not in self.control.active(self._now_s()):
                 return

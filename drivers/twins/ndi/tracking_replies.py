@@ -1,4 +1,4 @@
-"""Measurements of all enabled tools as TX, BX or BX2 says them."""
+"""Encodes the measurements of all enabled tools for TX, BX and BX2."""
 
 import re
 
@@ -21,7 +21,7 @@ Measured = dict[int, tuple[int, Measurement]]
 
 
 def tracking_reply(measured: Measured, frame: int, system_status: int, options: int) -> TrackingReply:
-    """Reply to TX and BX with the given reply options."""
+    """Returns the reply to TX and BX with the given reply options."""
     tools = tuple(_tool(handle, status, seen, frame, options) for handle, (status, seen) in measured.items())
     return TrackingReply(tools, system_status, Markers((), ()))
 
@@ -42,7 +42,7 @@ def _tool(handle: int, port_status: int, seen: Measurement, frame: int, options:
 
 
 def bx2_options(arguments: str) -> dict[str, str]:
-    """What a BX2 request asks for, as {"6d": "tools", …}. Raises ValueError for anything else."""
+    """Returns what a BX2 request asks for, as {"6d": "tools", …}. Raises ValueError for anything else."""
     wanted = {"6d": "tools", "1d": "buttons"}
     for word in arguments.split():
         match = _OPTION.fullmatch(word)
@@ -55,7 +55,7 @@ def bx2_options(arguments: str) -> dict[str, str]:
 def bx2_frame(
     measured: Measured, frame: int, time_ns: int, alerts: tuple[bx2.Alert, ...], wanted: dict[str, str], magnetic: bool
 ) -> bx2.Frames:
-    """One exposure. time_ns: of the device's own clock."""
+    """Returns the frame of one exposure. time_ns: time by the device's own clock."""
     components: list[bx2.Component] = []
     if wanted["6d"] == "tools":
         components.append(bx2.SixD(tuple(_tool_6d(handle, seen) for handle, (_, seen) in measured.items())))

@@ -1,1 +1,1 @@
-"""An Optotrak and its First Principles server below the parser."""
+"""Simulates an Optotrak and its First Principles server below the parser."""

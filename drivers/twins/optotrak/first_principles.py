@@ -1,7 +1,7 @@
-"""A First Principles server below the parser: what it measures, and what it answers to each command (RTC3D).
+"""Simulates a First Principles server below the parser: what it measures, and its answer to each command (RTC3D).
 
-No socket, no process and no waiting here. The wording of a real server's replies is not public; only their packet types
-are imitated.
+There is no socket, no process and no waiting here. The wording of a real server's replies is not public; only their
+packet types are imitated.
 """
 
 from collections.abc import Callable, Collection
@@ -29,17 +29,18 @@ from probewatch.drivers.twins.faults import pose_time_s, spoil_pose, spoil_witne
 from probewatch.drivers.twins.tool_motion import PROBE, REFERENCE, PoseAt, on_probe
 
 _RMS_MM, _DRIFTED_RMS_MM = 0.21, 1.4
-"""Fit of a rigid body, whole and with the marker moved: well below and above the limit, 0.75 mm (docs/trackers.md)."""
+"""Millimetres: fit of a rigid body, whole and with the marker moved: well below and above the limit, 0.75 mm
+(docs/trackers.md)."""
 
 _DRIFT_MM = (0.0, 3.0, 0.0)
-"""By which that marker is off its place."""
+"""Millimetres by which that marker is displaced."""
 
 _DITHER_MM = 3e-4
-"""Scatter of a coordinate: 2.5 steps of a single float at 1.5 m to either side, so that poses do not stay equal for
-long; real noise is a hundred times that."""
+"""Millimetres: scatter of a coordinate, 2.5 steps of a single float at 1.5 m to either side, so that poses do not stay
+equal for long; real noise is a hundred times that."""
 
 _MARKERS_MM = ((0.0, 0.0, 0.0), (40.0, 0.0, 0.0), (0.0, 55.0, 0.0), (-30.0, 20.0, 10.0))
-"""A made-up body: four markers, off a plane, no two distances alike."""
+"""Markers of a made-up body: four, not in one plane, no two distances alike."""
 _COMPONENTS = {
     "3d": ComponentType.MARKERS,
     "6d": ComponentType.BODIES,
@@ -55,7 +56,9 @@ Current = Callable[[frozenset[ComponentType]], Packet]
 
 @dataclass(frozen=True, slots=True)
 class Device:
-    """What is measured. frame_hz: collection rate. bodies: rigid bodies listed. skew_ppm: of the server's clock."""
+    """Measures bodies and the rest of a frame. frame_hz: collection rate. bodies: number of rigid bodies. skew_ppm:
+    that of the server's clock.
+    """
 
     pose_at: PoseAt
     frame_hz: float = 100.0
@@ -63,7 +66,7 @@ class Device:
     skew_ppm: float = 0.0
 
     def frame(self, number: int, active: Collection[str]) -> DataFrame:
-        """Everything measured in one frame. Numbers and times count from world time 0."""
+        """Returns everything measured in one frame. Numbers and times count from world time 0."""
         t_s = number / self.frame_hz
         time_us = round(t_s * 1e6 * (1 + self.skew_ppm * 1e-6))
         seen = [
@@ -96,7 +99,9 @@ class Device:
 
 
 def _dithered(pose: Matrix4, index: int, number: int) -> Matrix4:
-    """No two measurements of a real tracker are equal to the last bit, not even of a body that lies still."""
+    """Adds the scatter of _DITHER_MM: no two measurements of a real tracker are equal to the last bit, not even those
+    of a body that lies still.
+    """
     dithered = pose.copy()
     dithered[:3, 3] += np.random.default_rng((index, number)).uniform(-_DITHER_MM, _DITHER_MM, 3)
     return dithered
@@ -119,7 +124,9 @@ def _markers(pose: Matrix4 | None, drifted: bool) -> list[Marker]:
 
 
 class Session:
-    """What one client has asked for. divisor: it gets every how manieth frame, 0 for none. ended: it said Bye."""
+    """Keeps what one client has asked for. divisor: of how many frames it gets one, 0 for none. ended: whether it said
+    Bye.
+    """
 
     def __init__(self, device: Device) -> None:
         self.order = ByteOrder.BIG
@@ -137,7 +144,7 @@ class Session:
         }
 
     def answer(self, request: Text, current: Current) -> tuple[Packet, ...]:
-        """The reply, closed by a NUL if the request was, and what follows it."""
+        """Returns the reply, closed by a NUL if the request was, and what follows it."""
         name, *words = request.text.lower().split() or [""]
         reply = self._commands[name](words) if name in self._commands else None
         if reply is None:

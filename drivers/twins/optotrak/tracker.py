@@ -1,4 +1,4 @@
-"""A simulated Optotrak behind a First Principles server (RTC3D)."""
+"""Simulates an Optotrak behind a First Principles server (RTC3D)."""
 
 import random
 import socket
@@ -55,35 +55,41 @@ FAULTS = (
     "reset",
     "unplug",
 )
-"""bend-witness, witness-missing: of the bodies from the third on, which sit on the probe. lose-tracker: silence on an
-open connection. stale-tracker: the same frame again and again; stale-number, stale-time: only its number, or only its
-time, stands still. frozen-pose: the same pose in new frames. marker-drift: a marker of the probe sits elsewhere on its
-body, so the fit is poor. no-data: alive, nothing new. split: segments of 37 bytes. dribble: one byte in 50 ms.
-counter-jump, reset: at their beginning. unplug: connections end and new ones are refused."""
+"""Names of the tracker's faults:
+
+bend-witness, witness-missing: strike the bodies from the third on, which sit on the probe. lose-tracker: silence on
+an open connection. stale-tracker: the same frame again and again; stale-number, stale-time: only its number, or
+only its time, does not advance. frozen-pose: the same pose in new frames. marker-drift: a marker of the probe sits
+elsewhere on its body, so the fit is poor. no-data: the server replies that there is nothing new. split: segments of
+37 bytes. dribble: one byte in 50 ms. counter-jump, reset: at their beginning. unplug: connections end and new ones
+are refused."""
 
 _SEGMENT_BYTES, _SEGMENT_NS = 37, 1_000_000
-"""Fault "split": a prime, so that no field begins where a segment does for long; a millisecond apart, so that they
-arrive one by one and the frame still in its period."""
+"""Bytes and nanoseconds of fault "split": a prime, so that no field begins where a segment does for long; a millisecond
+apart, so that they arrive one by one and the frame still within its period."""
 
 _DRIBBLE_NS = 50_000_000
-"""Fault "dribble": between two bytes, so that something always comes within the driver's deadline and never a frame."""
+"""Nanoseconds between two bytes of fault "dribble", so that something always comes within the driver's timeout and
+never a frame."""
 
 _JUMP_FRAMES, _JUMP_US = 100_000, 1_000_000_000
-"""At 100 Hz both are 1000 s: far beyond any delay."""
+"""Frames and microseconds: at 100 Hz both are 1000 s, far beyond any delay."""
 
 _BACKLOG_BYTES = 1 << 20
-"""For a client that does not read: half a minute of full frames at 100 Hz. More lets this process grow; a client that
-comes back within it has lost nothing."""
+"""Bytes that are kept for a client that does not read: half a minute of full frames at 100 Hz. More lets this process
+grow; a client that reads again before it is full has lost nothing."""
 
 _IDLE_NS = 20_000_000
-"""Longest wait, after which faults are looked at. More shows them later, less wakes an idle twin more often."""
+"""Nanoseconds: longest wait, after which faults are checked. More shows them later, less wakes an idle twin more
+often."""
 
 _FIRST_ITEM = HEADER_BYTES + 4 + 24
-"""RTC3D: behind the count of components, and size, type, frame, time and item count of the first."""
+"""Byte offset of the first item, RTC3D: behind the count of components, and size, type, frame, time and item count of
+the first component."""
 
 
 class _Client:
-    """One connection. session: what it has asked for."""
+    """Represents one connection. session: what the client has asked for."""
 
     def __init__(self, line: socket.socket, session: Session) -> None:
         self.line, self.session = line, session
@@ -91,7 +97,7 @@ class _Client:
         self._next_ns = 0
 
     def commands(self) -> list[Text]:
-        """Whole commands that have arrived. Raises ProtocolError, and OSError when the peer is gone."""
+        """Returns the whole commands that have arrived. Raises ProtocolError, and OSError when the peer is gone."""
         data = self.line.recv(4096)
         if not data:
             raise ConnectionResetError
@@ -105,13 +111,13 @@ class _Client:
         return found
 
     def put(self, data: bytes) -> None:
-        """Queue. Raises OSError when the peer has not taken a megabyte."""
+        """Queues data. Raises OSError when the peer leaves more than a megabyte waiting."""
         self._waiting += data
         if len(self._waiting) > _BACKLOG_BYTES:
             raise ConnectionAbortedError
 
     def flush(self, now_ns: int, segment_bytes: int, pause_ns: int) -> int:
-        """Send a segment when its time has come. Returns when to come again, ns. Raises OSError."""
+        """Sends a segment when its time has come. Returns when to call again, ns. Raises OSError."""
         if self.session.ended and not self._waiting:
             raise ConnectionAbortedError
         if self._waiting and now_ns >= self._next_ns:
@@ -124,7 +130,7 @@ class _Client:
 class OptotrakTwin(ListeningTwin[_Client]):
     """Simulates a First Principles server. address: as `TcpServer` has it.
 
-    faults: of FAULTS, and when.
+    faults: which of FAULTS are on, and when.
     """
 
     def __init__(self, address: tuple[str, int], clock: HostClock, device: Device, faults: FaultControl) -> None:
@@ -139,7 +145,7 @@ class OptotrakTwin(ListeningTwin[_Client]):
         super().__init__(TcpServer(address, lambda line: _Client(line, Session(device)), self._events.note))
 
     def run(self, stop: Event) -> None:
-        """Serve until stop is set."""
+        """Serves until stop is set."""
         while not stop.is_set():
             self._take_faults()
             self._measured(self._sent + 1)
@@ -152,17 +158,19 @@ class OptotrakTwin(ListeningTwin[_Client]):
         return floor((self._clock.now_ns() - self._clock.origin_ns) / 1e9 * self.device.frame_hz)
 
     def _next_frame_ns(self) -> int:
-        """A microsecond late, so that rounding does not wake us just before it."""
+        """Returns the time of the next frame plus a microsecond, so that rounding does not end the wait just before
+        it.
+        """
         return self._clock.origin_ns + round((self._sent + 1) / self.device.frame_hz * 1e9) + 1000
 
     def _reset(self) -> None:
-        """Connections end with RST, numbers and times start again."""
+        """Ends connections with RST; numbers and times start again."""
         self._begin_number = self._number()
         self._shift_frames = self._shift_us = 0
         self._server.reset()
 
     def _take_faults(self) -> None:
-        """What faults do at their beginning and their end."""
+        """Applies what faults do at their beginning and their end."""
         active = self.faults.active((self._clock.now_ns() - self._clock.origin_ns) / 1e9)
         begun = active - self._active
         self._active = active
@@ -178,7 +186,7 @@ class OptotrakTwin(ListeningTwin[_Client]):
         self._events.faults(active, self.faults.new_refusal())
 
     def _serve(self, wake_ns: int) -> None:
-        """Wait for connections and commands until wake_ns."""
+        """Waits for connections and commands until wake_ns."""
         wait_s = self._clock.real_s(max(wake_ns - self._clock.now_ns(), 0) / 1e9)
         for client in self._server.wait(wait_s, () if "lose-tracker" in self._active else self._server.clients):
             self._server.act(client, self._hear)
@@ -189,7 +197,9 @@ class OptotrakTwin(ListeningTwin[_Client]):
                 client.put(self._bytes(client, packet))
 
     def _stream(self, number: int) -> None:
-        """The latest frame to everyone whose turn it is; frames that this process was too late for are left out."""
+        """Sends the latest frame to every client that is due one; frames for which this process was too late are left
+        out.
+        """
         previous, self._sent = self._sent, number
 
         def put(client: _Client) -> None:
@@ -210,13 +220,15 @@ class OptotrakTwin(ListeningTwin[_Client]):
         return DataFrame(tuple(self._renumbered(part) for part in frame.components if part.kind in wanted))
 
     def _measured(self, number: int) -> DataFrame:
-        """Kept, so that a frame is computed before its time and sent at its time."""
+        """Returns the frame of a number and keeps it, so that it is computed before its time and sent at its time."""
         if self._ready is None or self._ready[:2] != (number, self._active):
             self._ready = (number, self._active, self.device.frame(number, self._active))
         return self._ready[2]
 
     def _renumbered(self, component: Component) -> Component:
-        """Numbers count from the last reset; a jump adds to them; one of the two may stand still."""
+        """Returns the component with numbers and times since the last reset; a jump adds to them, and one of the two
+        may not advance.
+        """
         begin_us = round(self._begin_number / self.device.frame_hz * 1e6)
         number = 0 if "stale-number" in self._active else component.frame - self._begin_number
         time_us = 0 if "stale-time" in self._active else component.time_us - begin_us
@@ -227,7 +239,7 @@ class OptotrakTwin(ListeningTwin[_Client]):
         )
 
     def _bytes(self, client: _Client, packet: Packet) -> bytes:
-        """The packet as the faults leave it; only frames are spoiled."""
+        """Returns the packet as the faults leave it; only frames are spoiled."""
         order, active = client.session.order, self._active
         if not isinstance(packet, DataFrame):
             return encode_packet(packet, order)
@@ -243,7 +255,7 @@ class OptotrakTwin(ListeningTwin[_Client]):
         return bytes(data)
 
     def _flush(self) -> int:
-        """Send what waits. Returns when to come again, ns."""
+        """Sends what waits. Returns when to call again, ns."""
         now_ns = self._clock.now_ns()
         if "lose-tracker" in self._active:
             return now_ns + _IDLE_NS
@@ -258,8 +270,8 @@ class OptotrakTwin(ListeningTwin[_Client]):
 
 
 def serve(address: tuple[str, int], clock: HostClock, device: Device, faults: FaultControl, stop: Event) -> None:
-    """Says when it is ready, then serves until stop is set. Raises ConfigurationError for a port in use."""
-    # A parent that no longer reads the events shall not be answered with a traceback.
+    """Prints when it is ready, then serves until stop is set. Raises ConfigurationError for a port in use."""
+    # A parent that no longer reads the events must not see a traceback.
     with suppress(BrokenPipeError), OptotrakTwin(address, clock, device, faults) as twin:
         host, port = twin.address
         Events(clock).tell({"ready": True, "url": f"optotrak://{host}:{port}?body=1"})

@@ -1,1 +1,1 @@
-"""The one world that all twins share: tissue, the hand with the probe, metal. Pure and seeded."""
+"""Computes the one world that all twins share: tissue, the hand with the probe, metal. It is pure and seeded."""

@@ -1,4 +1,4 @@
-"""A simulated cart's world over a patient: named surroundings, seen in order of time."""
+"""Models a simulated cart's world over a patient: named surroundings, seen in order of time."""
 
 from collections.abc import Collection
 
@@ -14,16 +14,19 @@ from probewatch.drivers.twins.scene.surroundings import Surroundings, surroundin
 from probewatch.drivers.twins.scene.world import World, WorldSettings
 
 _HISTORY_HZ = 120.0
-"""At which the way of the face is followed between pictures: a third of a millimetre at 40 mm/s. More costs time."""
+"""Rate at which the path of the face is followed between pictures: a third of a millimetre at 40 mm/s. More costs
+time."""
 _HISTORY_S = 30.0
-"""Length of the past that a first picture asks for: the hand turns several times in it, after which the skin has
-forgotten."""
+"""Seconds of the past that a first picture asks for: the hand turns several times in it, after which the drag of the
+skin no longer depends on where it began."""
 _LONGEST_S = 7 * 86_400.0
-"""Length of the breaths that are drawn; after a week they begin again, with a jerk."""
+"""Seconds of breaths that are drawn; after a week they begin again, with a jerk."""
 
 
 def scanned(name: str) -> Surroundings:
-    """Raises ConfigurationError for a name that is none, or says what a scanner has no part in."""
+    """Returns the surroundings of a name. Raises ConfigurationError for an unknown name, or one that names something
+    over which a scanner has no control.
+    """
     named = surroundings(name)
     if named.deep or named.tracker_mm:
         what = f"the world '{name}' changes the scale of the picture or the tracker, which only a study can"
@@ -32,7 +35,7 @@ def scanned(name: str) -> Surroundings:
 
 
 class Bedside(World):
-    """tissue: of `scanned`."""
+    """Shows a patient instead of rigid tissue. tissue: a name as `scanned` takes it."""
 
     def __init__(self, seed: int, program: str, settings: WorldSettings, tissue: str) -> None:
         named = scanned(tissue)
@@ -42,7 +45,7 @@ class Bedside(World):
         self._followed_s, self._face_mm, self._drag_mm = -np.inf, np.zeros(2), np.zeros(2)
 
     def frame(self, t_s: float, index: int, active: Collection[str] = ()) -> GreyImage:
-        """See World.frame; what it averages over are the pictures that were asked for before."""
+        """Returns a picture as World.frame does; it averages over the pictures that were asked for before."""
         processing = self.surroundings.processing
         number = index // processing.repeats
         if number != self._shown[0]:
@@ -57,7 +60,7 @@ class Bedside(World):
         return pose
 
     def _drag(self, t_s: float) -> Array:
-        """(2,) mm of the skin now."""
+        """Returns the drag of the skin now, (2,) mm."""
         if not self.surroundings.play_mm:
             return self._drag_mm
         if not self._followed_s <= t_s <= self._followed_s + _HISTORY_S:

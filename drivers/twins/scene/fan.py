@@ -1,4 +1,6 @@
-"""Echoes of a convex probe: speckle made along its beams, so its cell widens with depth and turns with the beam."""
+"""Computes echoes of a convex probe: speckle made along its beams, so its cell widens with depth and turns with the
+beam.
+"""
 
 from math import ceil
 
@@ -11,14 +13,14 @@ from probewatch.drivers.twins.scene.geometry import Geometry
 from probewatch.drivers.twins.scene.tissue import PERIOD_MM, STEP_MM, Beam, Complexes, Floats, Renderer, turned
 
 FAN_BEAM = Beam(lateral_mm=0.505, axial_mm=0.2, carrier_rad_per_mm=28.6)
-"""3.5 MHz, as convex probes have. Lateral half way down. At 5 MHz the carrier would turn faster across a beam 28° off
-the axis (20° of the fan and a rock) than a grid of .16 mm can hold."""
+"""3.5 MHz, as convex probes have; the lateral width is that half way down. At 5 MHz the carrier would turn faster
+across a beam 28° off the axis (20° of the fan and a rock) than a grid of .16 mm can hold."""
 _MARGIN_DEG = 1.0
-"""Beyond the edges of the sector, for interpolation."""
+"""Degrees beyond the edges of the sector, for interpolation."""
 
 
 class FanRenderer(Renderer):
-    """Works on beams (columns) and depths (rows) and turns them into a picture. geometry: of a fan."""
+    """Works on beams (columns) and depths (rows) and turns them into a picture. geometry: that of a fan."""
 
     def __init__(self, geometry: Geometry, half_angle_deg: float, beam: Beam = FAN_BEAM) -> None:
         apex_mm, step_mm = geometry.apex_mm, geometry.scale_mm_per_px[1]
@@ -56,7 +58,7 @@ class FanRenderer(Renderer):
         return np.asarray(place / STEP_MM[axis], np.float32)
 
     def _carried(self, echoes: Complexes, along_rad: Array) -> Complexes:
-        """The carrier goes along each beam instead of along the axis of the picture."""
+        """Applies the carrier along each beam instead of along the axis of the picture."""
         beam_mm = self._down_mm - self._radius[:, None]
         phase = along_rad[0] * self._along_mm + along_rad[1] * self._down_mm + self._carrier * beam_mm
         return np.asarray(echoes * turned(phase.astype(np.float32)) * self._even)
@@ -67,5 +69,5 @@ class FanRenderer(Renderer):
 
 
 def _places(angle: Array, radius: Array, apex_mm: float) -> tuple[Array, Array]:
-    """(n, m) x and y, mm from the middle of the picture, of beams (m,) rad at distances (n,) from the apex."""
+    """Returns x and y, (n, m), mm from the middle of the picture, of beams (m,) rad at distances (n,) from the apex."""
     return radius[:, None] * np.sin(angle), apex_mm + radius[:, None] * np.cos(angle)

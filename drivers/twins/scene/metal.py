@@ -1,4 +1,4 @@
-"""What a piece of metal does to the poses of an electromagnetic tracker. Pure.
+"""Models what a piece of metal does to the poses of an electromagnetic tracker. It is pure.
 
 Eddy currents in the metal make a field of their own, whose error falls off with the cube of the distance from the metal
 to the sensor (Nixon, McCallum, Fright, Price: The Effects of Metals and Interfering Fields on Electromagnetic Trackers,
@@ -11,19 +11,21 @@ from scipy.spatial.transform import Rotation
 from probewatch.drivers.samples import Matrix4
 
 PLACE_MM = (70.0, -60.0, 75.0)
-"""Place of the metal, from where the probe is when it comes; tracker frame."""
+"""Place of the metal relative to where the probe is when the metal comes; tracker frame."""
 DISPLACED_MM = 6.0
-"""At that distance, once it lies there: strong enough to be named by motion (docs/known-anomalies.md, 3)."""
+"""Displacement at that distance, once the metal lies there: strong enough for motion to name it
+(docs/known-anomalies.md, 3)."""
 TIPPED_DEG_PER_MM = 0.4
 """Chosen for 2.4° at 6 mm; the source states no ratio of turn to push, and none was measured."""
 COMES_IN_S, LEAVES_AT_S = 2.0, 30.0
-"""Seconds: it is pushed up to the probe, and taken away again as slowly, so that no pose leaps."""
+"""Seconds in which the metal is pushed up to the probe, and when it is taken away again as slowly, so that no pose
+leaps."""
 
 
 def near_metal(pose: Matrix4, pose_before: Matrix4, since_s: float, displaced_mm: float = DISPLACED_MM) -> Matrix4:
-    """(4, 4) true sensor → tracker, mm → what is measured since_s after the metal began to come.
+    """Returns the pose that is measured since_s after the metal began to come. pose: (4, 4) true sensor → tracker, mm.
 
-    pose_before: the true pose at that moment, which the metal's place is counted from.
+    pose_before: the true pose at that moment, from which the metal's place is counted.
     """
     share = float(np.clip(min(since_s, LEAVES_AT_S + COMES_IN_S - since_s) / COMES_IN_S, 0.0, 1.0))
     place_mm = np.array(PLACE_MM)

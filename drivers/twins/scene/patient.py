@@ -1,4 +1,4 @@
-"""What the scanner sees of one patient, picture by picture. Seeded."""
+"""Computes what the scanner sees of one patient, picture by picture. It is seeded."""
 
 from collections.abc import Iterator
 from functools import cached_property, reduce
@@ -25,18 +25,18 @@ from probewatch.drivers.twins.scene.surroundings import Surroundings
 from probewatch.drivers.twins.scene.tissue import Displacement, Floats
 
 _ASIDE_MM = 5.0
-"""At most, by which tissue gives way from somewhere else than the middle of the face: a patient is rounder on one side.
-0 would let no press move tissue out of the plane. Not measured."""
+"""Millimetres, at most, from the middle of the face to the place from which tissue gives way: a patient is rounder on
+one side. With 0 no press would move tissue out of the plane. Not measured."""
 _WALL_MM, _SLIDE_MM = 8.0, 2.0
-"""How deep the wall of the body is, and over what it goes over into the organ below: a thin person's ribs and liver.
-A sharper change would be finer than what the renderer follows."""
+"""Millimetres: how deep the wall of the body is, and over what depth it merges into the organ below: a thin person's
+ribs and liver. A sharper change would be finer than what the renderer follows."""
 _WALL_SHARE = 0.25
 """Share of the organ's breath that the wall makes, along another axis. Not measured."""
 
 
 class Patient:
-    """The skin at rest lies where the face is while picture and tissue have the same axes. Times are s, up to
-    duration_s.
+    """Moves the tissue of one patient. The skin at rest lies where the face is while picture and tissue have the same
+    axes. Times are s, up to duration_s.
     """
 
     def __init__(self, surroundings: Surroundings, seed: int, geometry: Geometry, duration_s: float) -> None:
@@ -47,12 +47,14 @@ class Patient:
         self._aside_mm = (float(aside[0]), float(aside[1]))
 
     def breathed(self, t_s: Array) -> Array:
-        """(n,) → (n, 3) how far the tissue has moved as a whole, mm; of an organ under a wall, the wall."""
+        """Returns how far the tissue has moved as a whole, (n,) → (n, 3), mm; for an organ under a wall, how far the
+        wall has.
+        """
         return self._way(t_s, wall=self.surroundings.organ)
 
     def sight(self, pose: Matrix4, t_s: float, drag_mm: Array) -> Sight | None:
         """Returns where tissue is seen; None for rigid tissue with nothing in it. pose: (4, 4) picture → tissue that
-        has moved as a whole. drag_mm: (2,) of the skin.
+        has moved as a whole. drag_mm: (2,) drag of the skin.
         """
         now = self.surroundings
         shades = list(self._shades(pose, t_s, drag_mm))
@@ -68,7 +70,7 @@ class Patient:
         )
 
     def _shades(self, pose: Matrix4, t_s: float, drag_mm: Array) -> Iterator[tuple[Floats, Floats]]:
-        """(gain, added) of what lies in the way."""
+        """Yields (gain, added) of each thing that obstructs the beam."""
         now = self.surroundings
         for rib_mm in RIBS_MM.get(now.ribs, ()):
             rest = rib_place(rib_mm, self._skin_mm, pose)
@@ -88,7 +90,7 @@ class Patient:
         return off_the_skin(self._beams, self.surroundings.contact)
 
     def displaced(self, pose: Matrix4, points_mm: Array, t_s: float, drag_mm: Array) -> Array:
-        """(3, …) places in the tissue's axes → (3, …) mm."""
+        """Returns the displacement, (3, …) mm, of places in the tissue's axes, (3, …)."""
         now = self.surroundings
         face = face_at(pose, self._skin_mm, drag_mm)
         moved = displacement(points_mm, face, now.follow, self._aside_mm)
@@ -121,6 +123,6 @@ class Patient:
 
 
 def face_at(pose: Matrix4, skin_mm: float, drag_mm: Array) -> Face:
-    """The face is the upper edge of the picture, whose middle is skin_mm from the middle of the picture."""
+    """Returns the face: it is the upper edge of the picture, whose middle is skin_mm from the middle of the picture."""
     middle = pose[:3, 3] + skin_mm * pose[:3, 1]
     return Face(middle, float(middle[1] - skin_mm), float(pose[1, 0] / pose[0, 0]), drag_mm)

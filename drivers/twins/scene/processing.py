@@ -1,4 +1,6 @@
-"""What a scanner and a grabber do to pictures before anyone sees them: averaging, smoothing, a slower rate, JPEG."""
+"""Models what a scanner and a grabber do to pictures before anyone sees them: averaging, smoothing, a slower rate,
+JPEG.
+"""
 
 from dataclasses import dataclass
 
@@ -15,8 +17,9 @@ speckle cell stays and its grain goes, as scanners do it by default. Wider ones 
 
 @dataclass(frozen=True, slots=True)
 class Processing:
-    """persistence: share of the last picture that stays. smoothed: whether speckle is smoothed and borders are kept.
-    repeats: how often the grabber sees each picture of the scanner. jpeg: quality of the grabber's coding, 0 for none.
+    """Describes the processing. persistence: share of the last picture that stays. smoothed: whether speckle is
+    smoothed while borders are kept. repeats: how often the grabber sees each picture of the scanner. jpeg: quality of
+    the grabber's coding, 0 for none.
     """
 
     persistence: float = 0.0
@@ -26,18 +29,18 @@ class Processing:
 
 
 class ProcessingScanner:
-    """Takes pictures in order. off(): there is nothing on the screen, and the next picture starts anew."""
+    """Processes pictures in order. After off() there is nothing on the screen, and the next picture starts anew."""
 
     def __init__(self, processing: Processing) -> None:
         self._processing = processing
         self._mean: Floats | None = None
 
     def off(self) -> None:
-        """Forget the last picture."""
+        """Forgets the last picture."""
         self._mean = None
 
     def processed(self, grey: GreyImage) -> GreyImage:
-        """What the scanner shows, before it draws words over it."""
+        """Returns what the scanner shows, before it draws words over it."""
         now = self._processing
         if now.smoothed:
             grey = np.asarray(cv2.bilateralFilter(grey, _SMOOTH_PX, _SMOOTH_GREYS, _SMOOTH_SIGMA_PX), np.uint8)
@@ -50,7 +53,7 @@ class ProcessingScanner:
         return np.rint(self._mean).astype(np.uint8)
 
     def grabbed(self, grey: GreyImage) -> GreyImage:
-        """What the grabber hands on."""
+        """Returns what the grabber passes on."""
         if not self._processing.jpeg:
             return grey
         _, coded = cv2.imencode(".jpg", grey, [cv2.IMWRITE_JPEG_QUALITY, self._processing.jpeg])

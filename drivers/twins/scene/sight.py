@@ -1,4 +1,4 @@
-"""How one picture differs from that of rigid tissue at rest."""
+"""Describes how one picture differs from that of rigid tissue at rest."""
 
 from dataclasses import dataclass
 
@@ -7,8 +7,8 @@ from probewatch.drivers.twins.scene.tissue import Displacement, Floats
 
 @dataclass(frozen=True, slots=True)
 class Sight:
-    """moved: how far tissue has moved where the picture sees it. gain: (h, w) what comes of the amplitude of its
-    echoes, less in a shadow. added: (h, w) amplitude of what is not tissue.
+    """Holds the differences. moved: how far tissue has moved where the picture sees it. gain: (h, w) factor on the
+    amplitude of its echoes, less in a shadow. added: (h, w) amplitude of what is not tissue.
     """
 
     moved: Displacement | None = None

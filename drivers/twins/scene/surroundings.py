@@ -1,4 +1,6 @@
-"""Named worlds: what a probe may look at and through. One row each; a name joins rows by "+": half-30+drag-2."""
+"""Defines named worlds: what a probe may look at and through. Each part is one row; a name joins parts by "+":
+half-30+drag-2.
+"""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -11,12 +13,14 @@ from probewatch.drivers.twins.scene.softness import Follow
 
 @dataclass(frozen=True, slots=True)
 class Surroundings:
-    """follow: what presses. play_mm: how far the skin sticks to the face. breath_mm, breath_to: way of the tissue, peak
-    to peak, and where to, a unit vector. organ: whether only what lies under the wall goes all of that way. pulse:
-    whether there is one. ribs: how many. gas: whether they are gas instead. contact: share of the face that touches.
-    peels: whether it comes and goes.
-    layers, needle: whether there are any. convex: whether the probe is. deep: whether the picture shows twice as much
-    tissue. processing: of the scanner. tracker_mm: by how much the tracker errs from place to place.
+    """Describes a patient, a probe and a scanner.
+
+    follow: how tissue follows a press. play_mm: how far the skin sticks to the face. breath_mm, breath_to: path of the
+    tissue, peak to peak, and its direction, a unit vector. organ: whether only what lies under the wall makes all of
+    that path. pulse: whether there is one. ribs: number of ribs. gas: whether they are gas instead. contact: share of
+    the face that touches. peels: whether the contact comes and goes. layers, needle: whether there are any. convex:
+    whether the probe is. deep: whether the picture shows twice as much tissue. processing: that of the scanner.
+    tracker_mm: by how much the tracker errs from place to place.
     """
 
     follow: Follow = field(default_factory=Follow)
@@ -38,13 +42,13 @@ class Surroundings:
 
     @property
     def yields(self) -> bool:
-        """Whether parts of the tissue move against one another."""
+        """Returns whether parts of the tissue move against one another."""
         return self.follow.whole > 0 or self.play_mm > 0 or self.organ
 
 
 @dataclass(frozen=True, slots=True)
 class _Size:
-    """A number in a name, in its unit. whole: whether it counts something."""
+    """Describes a number in a name, in its unit. whole: whether it is an integer."""
 
     unit: str
     least: float
@@ -52,7 +56,7 @@ class _Size:
     whole: bool = False
 
     def read(self, text: str) -> float:
-        """Raises ValueError."""
+        """Parses the number. Raises ValueError."""
         value = int(text) if self.whole else float(text)
         if not self.least <= value <= self.most:
             raise ValueError
@@ -64,8 +68,8 @@ class _Size:
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """One row. sizes: numbers that follow the name. to: whether a direction follows them. change: what it makes of the
-    surroundings, given the numbers.
+    """Describes one row. sizes: numbers that follow the name. to: whether a direction follows them. change: returns the
+    changed surroundings, given the numbers.
     """
 
     what: str
@@ -74,7 +78,7 @@ class Part:
     to: bool = False
 
     def form(self, name: str) -> str:
-        """How it is written: breath-MM-TO."""
+        """Returns how the part is written: breath-MM-TO."""
         return "-".join([name, *(size.unit.upper() for size in self.sizes), *(["TO"] if self.to else [])])
 
 
@@ -91,9 +95,9 @@ def _breath(now: Surroundings, mm: float, to: str, organ: bool = False) -> Surro
 
 
 RIGID = "rigid"
-"""The usual world of simulated devices."""
+"""Name of the usual world of simulated devices."""
 _BREATH = _Size("mm", 1, 20)
-"""Way of a breath, peak to peak, up to a deep one. Not measured."""
+"""Path of a breath, peak to peak, up to a deep one. Not measured."""
 _SHADOWS = _Size("number", 1, 2, whole=True)
 """Number of ribs, or of pockets of gas."""
 _TOUCHING = _Size("share", 0.4, 0.95)
@@ -172,22 +176,22 @@ PARTS: Mapping[str, Part] = {
         (_Size("mm", 0.05, 2),),
     ),
 }
-"""Every part there is. Ranges leave out what no patient has and what the renderer cannot show."""
+"""Every part that exists. Ranges leave out what no patient has and what the renderer cannot show."""
 
 
 def listed() -> str:
-    """What there is, for a message."""
+    """Returns the parts that exist, for a message."""
     forms = ", ".join(part.form(name) for name, part in PARTS.items())
     return f"{forms}; TO is one of {', '.join(DIRECTIONS)}; join them by +"
 
 
 def described() -> list[tuple[str, str]]:
-    """(form, what) of each part, for a page or a help text."""
+    """Returns (form, what) of each part, for a page or a help text."""
     return [(part.form(name), "; ".join([part.what, *map(str, part.sizes)])) for name, part in PARTS.items()]
 
 
 def surroundings(name: str) -> Surroundings:
-    """Raises ConfigurationError for a name that is none."""
+    """Returns the surroundings of a name. Raises ConfigurationError for an unknown name."""
     now, given = Surroundings(), set()
     for one in name.split("+"):
         head, *rest = one.split("-")

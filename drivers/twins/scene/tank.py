@@ -1,4 +1,4 @@
-"""A probe that is taken to a cross-wire in a water tank and back, while the simulated cart runs."""
+"""Models a probe that is taken to a cross-wire in a water tank and back, while the simulated cart runs."""
 
 from collections.abc import Collection
 from pathlib import Path
@@ -7,11 +7,13 @@ from probewatch.drivers.samples import GreyImage, Matrix4
 from probewatch.drivers.twins.scene.world import World, WorldSettings
 
 _LOOK_EVERY_S = 0.05
-"""World seconds between two looks at the file, as of drivers.twins.fault_control."""
+"""World seconds between two checks of the file, as in drivers.twins.fault_control."""
 
 
 class PlaceOfWork:
-    """A World over tissue; over a cross-wire, tilted by a free hand, while `tank` exists. Everything else as World."""
+    """Shows a World over tissue; over a cross-wire, tilted by a free hand, while `tank` exists. Otherwise it acts as
+    World.
+    """
 
     def __init__(self, tissue: World, tank: Path | None) -> None:
         self._tissue, self._tank = tissue, tank
@@ -24,11 +26,11 @@ class PlaceOfWork:
         return self._tissue.settings
 
     def frame(self, t_s: float, index: int, active: Collection[str] = ()) -> GreyImage:
-        """See World.frame."""
+        """Returns a picture of the present place; see World.frame."""
         return self._here(t_s).frame(t_s, index, active)
 
     def measured_pose(self, t_s: float, index: int) -> Matrix4:
-        """See World.measured_pose."""
+        """Returns the pose at the present place; see World.measured_pose."""
         return self._here(t_s).measured_pose(t_s, index)
 
     def _here(self, t_s: float) -> World:

@@ -1,13 +1,13 @@
-"""B-mode echoes of simulated tissue: 3-D scatterers seen through the point-spread function of a probe.
+"""Computes B-mode echoes of simulated tissue: 3-D scatterers seen through the point-spread function of a probe.
 
-The echo field at picture point u is F(u) = ∫ h(u − v) s(T v) dv with scatterers s fixed in the tissue, T the pose
-P → C, and h = Gaussian × exp(i K y) fixed in the PROBE. The carrier therefore turns with the probe, which is why
-speckle changes with in-plane rotation and tilt. Stored is b = s · exp(−i K y_C): white like s, but without the
-carrier, so a grid as coarse as a pixel samples it; moving the carrier from tissue to probe axes costs a phase ramp:
-|F(u)| = |∫ g(u − v) b(T v) exp(i K (ŷ_C · R v − v_y)) dv|, g the Gaussian alone.
+The echo field at picture point u is F(u) = ∫ h(u − v) s(T v) dv with scatterers s fixed in the tissue, T the pose P →
+C, and h = Gaussian × exp(i K y) fixed in the PROBE. The carrier therefore turns with the probe, which is why speckle
+changes with in-plane rotation and tilt. Stored is b = s · exp(−i K y_C): white like s, but without the carrier, so a
+grid as coarse as a pixel samples it; moving the carrier from tissue to probe axes costs a phase ramp: |F(u)| = |∫ g(u −
+v) b(T v) exp(i K (ŷ_C · R v − v_y)) dv|, g the Gaussian alone.
 
-Tissue that has moved by w(T v) shows at v what lies at T v − w when it is at rest, so w is taken off T v wherever it
-stands: the echo's place changes by w, and its phase by K w_y.
+Tissue that has moved by w(T v) shows at v what lies at T v − w when it is at rest, so w is subtracted from T v wherever
+it occurs: the echo's place changes by w, and its phase by K w_y.
 """
 
 from collections.abc import Callable
@@ -33,10 +33,10 @@ there has moved, mm, in the axes of the tissue."""
 
 @dataclass(frozen=True, slots=True)
 class Beam:
-    """Point-spread function: amplitude ∝ exp(−Σ x²/2σ²) exp(i carrier y).
+    """Describes the point-spread function: amplitude ∝ exp(−Σ x²/2σ²) exp(i carrier y).
 
-    lateral_mm, axial_mm, elevational_mm: σ of the echo amplitude. carrier_rad_per_mm: 4π ÷ wavelength (5 MHz).
-    Intensity correlation exp(−Δz²/2σz²) against elevation and exp(−(K σx α)²/2) against in-plane rotation.
+    lateral_mm, axial_mm, elevational_mm: σ of the echo amplitude. carrier_rad_per_mm: 4π ÷ wavelength (5 MHz). The
+    intensity correlation is exp(−Δz²/2σz²) against elevation and exp(−(K σx α)²/2) against in-plane rotation.
     """
 
     lateral_mm: float = 0.505
@@ -51,22 +51,23 @@ _TAPS = 4
 _PAD = 12
 _ROWS = _POINTS[1] + 2 * _PAD
 """Grid of the tissue (x, y, z): steps of two pixels across and one down, and under two σ of the beam out of plane.
-Finer ones take memory and time. Points of the spline across planes, and a margin into which interpolation may step."""
+Finer ones take memory and time. Then the numbers of points, the points of the spline across planes, and a margin into
+which interpolation may step."""
 
 PERIOD_MM = tuple(step * points for step, points in zip(STEP_MM, _POINTS, strict=True))
 """The tissue repeats after 76.8 × 53.2 × 14.0 mm (x, y, z); its origin is in the middle, so few pictures wrap."""
 
 _NODE_MM = 0.5
-"""Between places at which a displacement is asked for; a cubic spline goes through them. A press is followed to
-.007 mm, an organ that slides by 12 mm under its wall to .15 mm; with .75 mm to .31 mm, with .375 mm to .08 mm. Nearer
-ones cost time."""
+"""Millimetres between places at which a displacement is asked for; a cubic spline goes through them. A press is
+followed to .007 mm, an organ that slides by 12 mm under its wall to .15 mm; with .75 mm to .31 mm, with .375 mm to .08
+mm. Closer ones cost time."""
 _LAYERS = (16, 5.0)
-"""Layers of a muscle: fasciae in the period of the tissue, one every 3 mm, and how strong they are: three times as
-those of other tissue, ten decibels."""
+"""Layers of a muscle: number of fasciae in the period of the tissue, one every 3 mm, and their strength: three times
+that in other tissue, ten decibels."""
 
 
 class Tissue:
-    """Scatterers without carrier, in planes across z, on a grid that wraps around in all three directions.
+    """Holds scatterers without carrier, in planes across z, on a grid that wraps around in all three directions.
 
     real, imaginary: planes below one another, each (rows + 2 pad, columns + 2 pad) float32. The pad and three more
     planes repeat the other end, so that interpolation may step over the edge.
@@ -86,19 +87,21 @@ class Tissue:
 
 @lru_cache(maxsize=3)
 def grown(seed: int, structures: bool, layers: bool = False) -> Tissue:
-    """The tissue of this seed, shared by the worlds of a process that look at it: half a second and 44 MB each."""
+    """Returns the tissue of this seed, shared by the worlds of a process that look at it: it costs half a second and 44
+    MB.
+    """
     return Tissue(seed, structures, layers)
 
 
 def _wrapped_mm(axis: int, centre_mm: float) -> Floats:
-    """Signed distance of each grid point from centre_mm along one axis of the periodic tissue."""
+    """Returns the signed distance of each grid point from centre_mm along one axis of the periodic tissue."""
     period = PERIOD_MM[axis]
     place = np.arange(_POINTS[axis]) * STEP_MM[axis] - centre_mm
     return ((place + period / 2) % period - period / 2).astype(np.float32)
 
 
 def _add_texture(white: Complexes, random: np.random.Generator) -> None:
-    """Layers and lobules: the echo strength varies by some decibels over several millimetres."""
+    """Adds layers and lobules: the echo strength varies by some decibels over several millimetres."""
     x, y, z = (_wrapped_mm(axis, 0.0) * np.float32(2 * np.pi / PERIOD_MM[axis]) for axis in range(3))
     lobes = np.zeros((3, len(y), len(x)), np.float32)
     for lobe in (0, 0, 0, 1, 1, 2, 2):
@@ -109,7 +112,7 @@ def _add_texture(white: Complexes, random: np.random.Generator) -> None:
 
 
 def _add_inclusions(white: Complexes, random: np.random.Generator) -> None:
-    """Cysts, without echo inside, and echogenic blobs; ellipsoids with soft rims."""
+    """Adds cysts, without echo inside, and echogenic blobs; ellipsoids with soft rims."""
     for gain, count, size_mm in ((0.03, 12, 2.6), (2.8, 16, 1.8), (6.0, 60, 0.4)):
         for _ in range(count):
             centre_mm = random.uniform(0, PERIOD_MM)
@@ -123,7 +126,7 @@ def _add_inclusions(white: Complexes, random: np.random.Generator) -> None:
 
 
 def _add_surfaces(white: Complexes, random: np.random.Generator, count: int = 5, strength: float = 1.5) -> None:
-    """Fasciae: thin gently waved sheets that echo in phase, hence bright where the beam meets them squarely."""
+    """Adds fasciae: thin gently waved sheets that echo in phase, hence bright where the beam meets them squarely."""
     x, z = (_wrapped_mm(axis, 0.0) * np.float32(2 * np.pi / PERIOD_MM[axis]) for axis in (0, 2))
     for depth_mm in random.uniform(0.02, 0.18) * PERIOD_MM[1] + np.arange(count) * (PERIOD_MM[1] / count):
         phase_x, phase_z = random.uniform(0, 2 * np.pi, 2)
@@ -136,22 +139,22 @@ def _add_surfaces(white: Complexes, random: np.random.Generator, count: int = 5,
 
 
 def bell(place: NDArray[Any], sigma: float) -> Floats:
-    """Gaussian weights that keep the variance of white noise."""
+    """Returns Gaussian weights that keep the variance of white noise."""
     taps = np.exp(-((place / sigma) ** 2) / 2)
     return np.asarray(taps / np.sqrt(np.sum(taps**2)), np.float32)
 
 
 def _stored(planes: Floats) -> Floats:
-    """Padded around, stacked; mean square ½ after the four taps of the elevational spline."""
+    """Pads the planes around and stacks them, with mean square ½ after the four taps of the elevational spline."""
     grown = np.pad(planes, ((0, _TAPS - 1), (_PAD, _PAD), (_PAD, _PAD)), mode="wrap")
     return grown.reshape(-1, _POINTS[0] + 2 * _PAD) / np.float32(np.sqrt(2 * 0.479))
 
 
 class Renderer:
-    """The field of echoes in one picture geometry.
+    """Computes the field of echoes in one picture geometry.
 
-    size_px: (width, height). scale_mm_per_px: (lateral, axial). Work is done on every second column; the point
-    spread function, several pixels wide, fills in the others exactly.
+    size_px: (width, height). scale_mm_per_px: (lateral, axial). Work is done on every second column; the point spread
+    function, several pixels wide, fills in the others exactly.
     """
 
     def __init__(self, size_px: tuple[int, int], scale_mm_per_px: tuple[float, float], beam: Beam) -> None:
@@ -161,7 +164,9 @@ class Renderer:
         self._y_mm = (np.arange(self._rows) - self._reach[1] - (size_px[1] - 1) / 2) * scale_mm_per_px[1]
 
     def _lay(self, size_px: tuple[int, int], sigma: tuple[float, float], beam: Beam) -> None:
-        """The grid of echoes for a picture of so many pixels; sigma: of the beam in columns and rows of the grid."""
+        """Lays out the grid of echoes for a picture of this size. sigma: that of the beam in columns and rows of the
+        grid.
+        """
         self._size_px, self._carrier = size_px, beam.carrier_rad_per_mm
         reach = self._reach = [ceil(3.2 * one) for one in sigma]
         self._columns, self._rows = (size_px[0] + 1) // 2 + 2 * reach[0] + 1, size_px[1] + 2 * reach[1]
@@ -169,9 +174,9 @@ class Renderer:
         self._across = [bell(np.arange(-reach[0], reach[0] + 1) - half, sigma[0]) for half in (0.0, 0.5)]
 
     def field(self, tissue: Tissue, pose: Matrix4, moved: Displacement | None = None) -> tuple[Floats, Floats]:
-        """Real and imaginary part of F, each (height, width); mean |F|² is 1 for uniform tissue.
+        """Returns the real and imaginary part of F, each (height, width); mean |F|² is 1 for uniform tissue.
 
-        pose: (4, 4) P → C, mm. moved: smooth over a millimetre.
+        pose: (4, 4) P → C, mm. moved: must be smooth over a millimetre.
         """
         drift_mm = None if moved is None else self._drift(moved)
         per_plane_rad = self._carrier * pose[1, 2] / pose[2, 2] * STEP_MM[2]
@@ -184,20 +189,22 @@ class Renderer:
         return self._spread(echoes.real), self._spread(echoes.imag)
 
     def _carried(self, echoes: Complexes, along_rad: Array) -> Complexes:
-        """Times the part of the carrier's phase that is linear in the picture."""
+        """Multiplies by the part of the carrier's phase that is linear in the picture."""
         echoes *= np.exp(1j * along_rad[0] * self._x_mm).astype(np.complex64)[None, :]
         echoes *= np.exp(1j * along_rad[1] * self._y_mm).astype(np.complex64)[:, None]
         return echoes
 
     def _drift(self, moved: Displacement) -> Floats:
-        """(3, rows, columns) mm at every grid point."""
+        """Returns the displacement at every grid point, (3, rows, columns) mm."""
         (nodes_x, across), (nodes_y, down) = self._nodes
         nodes = moved(*self._node_places(nodes_x, nodes_y)).astype(np.float32)
         return np.asarray(down @ nodes @ across.T, np.float32)
 
     @cached_property
     def _nodes(self) -> list[tuple[Array, Floats]]:
-        """Along columns and rows: nodes, and what turns values there into values at the grid points."""
+        """Returns the nodes along columns and rows, and the matrices that turn values there into values at the grid
+        points.
+        """
         found = []
         for place, step in zip(self._axes(), self._node_steps(), strict=True):
             nodes = np.linspace(place[0], place[-1], ceil(np.ptp(place) / step) + 1)
@@ -205,22 +212,23 @@ class Renderer:
         return found
 
     def _axes(self) -> tuple[Array, Array]:
-        """Along columns and rows: where the grid points are."""
+        """Returns where the grid points are along columns and rows."""
         return np.asarray(self._x_mm, np.float64), np.asarray(self._y_mm, np.float64)
 
     def _node_steps(self) -> tuple[float, float]:
-        """Steps between nodes, in the unit of each axis."""
+        """Returns the steps between nodes, in the unit of each axis."""
         return _NODE_MM, _NODE_MM
 
     def _node_places(self, across: Array, down: Array) -> tuple[Array, Array]:
-        """x and y of nodes, mm."""
+        """Returns x and y of nodes, mm."""
         return across, down[:, None]
 
     def _slice(self, tissue: Tissue, pose: Matrix4, per_plane_rad: float, drift_mm: Floats | None) -> Complexes:
-        """b summed along the elevational axis of the beam, over the four stored planes that its profile reaches.
+        """Returns b summed along the elevational axis of the beam, over the four stored planes that its profile
+        reaches.
 
-        The carrier's phase at a plane goes by the whole number of the plane; field() adds the part that is linear
-        in the picture.
+        The carrier's phase at a plane is that of the whole number of the plane; field() adds the part that is linear in
+        the picture.
         """
         column, row, plane = (self._index(pose, axis, drift_mm) for axis in range(3))
         below = np.floor(plane)
@@ -230,7 +238,7 @@ class Renderer:
         turns = np.exp(1j * per_plane_rad * np.arange(lowest, int(number.max()) + _TAPS)).astype(np.complex64)
         number -= lowest
         column, row = _wrapped(column, 0), _wrapped(row, 1) + _wrapped(below, 2) * np.float32(_ROWS)
-        # One plane further along the beam lies this much aside in the tissue, in columns and rows.
+        # One plane further along the beam lies this far aside in the tissue, in columns and rows.
         aside = [np.float32(pose[axis, 2] / pose[2, 2] * STEP_MM[2] / STEP_MM[axis]) for axis in (0, 1)]
         echoes = np.zeros(plane.shape, np.complex64)
         for tap, weight in enumerate(_spline(plane)):
@@ -241,7 +249,7 @@ class Renderer:
         return echoes
 
     def _index(self, pose: Matrix4, axis: int, drift_mm: Floats | None) -> Floats:
-        """Place of every grid point along one tissue axis, in steps of the stored tissue, not wrapped."""
+        """Returns the place of every grid point along one tissue axis, in steps of the stored tissue, not wrapped."""
         middle_mm = pose[axis, 3] + PERIOD_MM[axis] / 2
         across = ((pose[axis, 0] * self._x_mm + middle_mm) / STEP_MM[axis]).astype(np.float32)
         down = (pose[axis, 1] * self._y_mm / STEP_MM[axis]).astype(np.float32)
@@ -249,7 +257,7 @@ class Renderer:
         return index if drift_mm is None else index - drift_mm[axis] * np.float32(1 / STEP_MM[axis])
 
     def _spread(self, part: Floats) -> Floats:
-        """Convolution with the Gaussian, and interpolation of the columns in between."""
+        """Convolves with the Gaussian, and interpolates the columns in between."""
         width, height = self._size_px
         kept = (slice(self._reach[1], self._reach[1] + height), slice(self._reach[0], -self._reach[0]))
         whole = np.empty((height, width), np.float32)
@@ -259,28 +267,30 @@ class Renderer:
 
 
 def turned(phase_rad: Floats) -> Complexes:
-    """exp(i phase)."""
+    """Returns exp(i phase)."""
     return cv2.merge(cv2.polarToCart(np.ones_like(phase_rad), phase_rad)).view(np.complex64)[..., 0]
 
 
 def _interpolated(stored: Floats, column: Floats, row: Floats) -> Floats:
-    """Bilinear samples of one part of the stored tissue."""
+    """Returns bilinear samples of one part of the stored tissue."""
     band = stored[int(row.min()) : int(row.max()) + 2]
     if len(band) < 2 * _ROWS:
-        # Reading the band in order first fills the cache; scattered reads wait for memory and take thrice as long.
+        # Reading the band in order first fills the cache; scattered reads wait for memory and take three times as long.
         band.max()
     return np.asarray(cv2.remap(stored, column, row, cv2.INTER_LINEAR), np.float32)
 
 
 def _wrapped(index: Floats, axis: int) -> Floats:
-    """Index brought into one period; columns and rows then skip the pad."""
+    """Returns the index brought into one period; columns and rows then skip the pad."""
     turns = np.floor(index * np.float32(1 / _POINTS[axis]))
     wrapped: Floats = index + (np.float32(_PAD if axis < 2 else 0) - turns * np.float32(_POINTS[axis]))
     return wrapped
 
 
 def _spline(part: Floats) -> list[Floats]:
-    """Cubic B-spline at distances 1 + part, part, 1 − part, 2 − part: smooth, and near enough a Gaussian beam."""
+    """Returns the cubic B-spline at distances 1 + part, part, 1 − part, 2 − part: smooth, and near enough a Gaussian
+    beam.
+    """
     rest = 1 - part
     square, rest_square = part * part, rest * rest
     inner = [(4 - (6 - 3 * part) * square) / 6, (4 - (6 - 3 * rest) * rest_square) / 6]

@@ -1,4 +1,4 @@
-"""The hand that moves the simulated probe: a seeded, smooth pose of the picture in the tissue.
+"""Models the hand that moves the simulated probe: a seeded, smooth pose of the picture in the tissue.
 
 Every program is a sum of sine waves per axis, so the motion has derivatives of all orders; the one pause of the
 clinical sweep bends time itself, and the verification gesture comes and goes, smoothly to the second derivative.
@@ -53,27 +53,28 @@ _PROGRAMS: dict[str, _Waves] = {
 
 PROGRAMS = tuple(sorted(_PROGRAMS))
 USUAL_PROGRAM = "gestured"
-"""Program of simulated devices: a cart's contact closes only after the gesture, so that their hand makes it by
-itself."""
+"""Program of simulated devices: a cart's contact closes only after the gesture, so their hand makes it by itself."""
 
 _GESTURE: _Waves = {
     "tilt_lateral_deg": ((6.0, 3.4),),
     "tilt_axial_deg": ((6.0, 3.0),),
     "turn_deg": ((5.0, 2.6),),
 }
-"""What "gestured" adds to the sweep now and then, the verification gesture (docs/gesture.md): fan, twist and rock. The
-sweep slides and presses by itself."""
+"""Waves that "gestured" adds to the sweep now and then, the verification gesture (docs/gesture.md): fan, twist and
+rock. The sweep slides and presses by itself."""
 _GESTURE_FROM_S, _GESTURE_TO_S, _GESTURE_EASE_S = 4.0, 10.0, 1.2
-"""Time within each cycle of the sweep: once the service has started, and before the rest. Quicker easing jerks the
+"""Seconds within each cycle of the sweep: after the service has started, and before the rest. Quicker easing jerks the
 probe."""
 
 _MOVES_S, _EASES_S, _RESTS_S = 10.0, 1.0, 1.0
-"""A clinical sweep rests now and then; checks must stand it. In 26 s the hand is at rest for 1.5 to 4 s
+"""Seconds. A clinical sweep rests now and then; checks must tolerate it. In 26 s the hand is at rest for 1.5 to 4 s
 (tests/drivers/twins/test_world.py). Longer rests leave less motion to verify by."""
 
 
 def _moved_s(t_s: float) -> float:
-    """Time the hand has moved: 10 s, a stop eased in over 1 s, 1 s of rest, a start eased over 1 s, and again."""
+    """Returns the time for which the hand has moved: 10 s, a stop eased in over 1 s, 1 s of rest, a start eased over 1
+    s, and again.
+    """
     cycles, t_s = divmod(t_s, _MOVES_S + 2 * _EASES_S + _RESTS_S)
     stopping = min(max((t_s - _MOVES_S) / _EASES_S, 0.0), 1.0)
     starting = min(max((t_s - _MOVES_S - _EASES_S - _RESTS_S) / _EASES_S, 0.0), 1.0)
@@ -82,7 +83,7 @@ def _moved_s(t_s: float) -> float:
 
 
 def _gestured(moved_s: float) -> float:
-    """Share of the gesture, 0 … 1, when the hand has moved for so long."""
+    """Returns the share of the gesture, 0 … 1, when the hand has moved for moved_s."""
     since_s = moved_s % (_MOVES_S + _EASES_S)
     come = min(max((since_s - _GESTURE_FROM_S) / _GESTURE_EASE_S, 0.0), 1.0)
     gone = min(max((_GESTURE_TO_S - since_s) / _GESTURE_EASE_S, 0.0), 1.0)
@@ -101,7 +102,7 @@ class _Wave:
 
 
 def _drawn(waves: tuple[tuple[float, float], ...], random: np.random.Generator) -> tuple[_Wave, ...]:
-    """Phases within ±45° of the zero crossing: the hand moves from the first instant on."""
+    """Draws waves with phases within ±45° of the zero crossing, so that the hand moves from the first instant on."""
     return tuple(
         _Wave(size * random.uniform(0.9, 1.05), period_s * random.uniform(0.95, 1.08), random.uniform(-0.8, 0.8))
         for size, period_s in waves
@@ -109,7 +110,7 @@ def _drawn(waves: tuple[tuple[float, float], ...], random: np.random.Generator) 
 
 
 class Trajectory:
-    """pose(t_s) of one program. Amplitudes, periods and phases vary by some percent with the seed.
+    """Computes the poses of one program. Amplitudes, periods and phases vary by some percent with the seed.
 
     Raises ConfigurationError for a program that does not exist.
     """
@@ -129,7 +130,7 @@ class Trajectory:
         return usual + gestured * sum(wave.at(t_s) for wave in self._gesture[axis])
 
     def pose(self, t_s: float) -> Matrix4:
-        """(4, 4) picture P → tissue C, mm, at world time t_s.
+        """Returns the pose, (4, 4) picture P → tissue C, mm, at world time t_s.
 
         The tissue's origin (the crossing of a cross-wire) stays at the programmed place of the picture whatever the
         tilt, so freehand motion circles about it.

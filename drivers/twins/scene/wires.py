@@ -1,7 +1,7 @@
-"""Two crossed wires in a tank, and what spoils their picture: haze, shadow, side lobes, reverberation, bubbles. Pure.
+"""Models two crossed wires in a tank, and what spoils their picture: haze, shadow, side lobes, reverberation, bubbles.
 
 A wire's intensity is summed along it over the thickness of the slice, so that an oblique wire is drawn out. What the
-probe adds to every echo, side lobes and reverberation, it adds to both wires alike.
+probe adds to every echo, side lobes and reverberation, it adds to both wires alike. The functions are pure.
 """
 
 from dataclasses import dataclass, replace
@@ -13,17 +13,19 @@ from probewatch.drivers.samples import Matrix4
 from probewatch.drivers.twins.scene.tissue import Beam, Floats
 
 _STRENGTH = 300.0
-"""Intensity of a wire over that of plain tissue: 25 dB, so that a 60 dB picture shows it near white."""
+"""Intensity of a wire relative to plain tissue: 25 dB, so that a 60 dB picture shows it near white."""
 
 
 @dataclass(frozen=True, slots=True)
 class Clutter:
-    """directions: of the wires, tissue axes; they cross at its origin. gap_mm: how far the second passes the first.
+    """Describes the wires and what spoils their picture. directions: those of the wires, tissue axes; they cross at its
+    origin. gap_mm: how far the second passes the first.
 
-    haze_db: speckle in the water against plain tissue. second_db: the second wire against the first, as in a shadow.
-    side_lobe_db: wings at the depth of an echo, against it, side_lobe_mm wide (sigma). reverberation_db: of the first
-    echo below each, and again for the next, reverberation_mm apart. bubbles: (x mm, y mm, dB against a wire) in the
-    picture. wall_mm: depth of a bright line over the whole picture, from its middle. -inf and NaN leave a thing out.
+    haze_db: speckle in the water relative to plain tissue. second_db: the second wire relative to the first, as in a
+    shadow. side_lobe_db: wings at the depth of an echo, relative to it, side_lobe_mm wide (sigma). reverberation_db:
+    level of the first echo below each, and again for the next, reverberation_mm apart. bubbles: (x mm, y mm, dB
+    relative to a wire) in the picture. wall_mm: depth of a bright line over the whole picture, from its middle. -inf
+    and NaN leave a thing out.
     """
 
     directions: tuple[tuple[float, float, float], tuple[float, float, float]] = (
@@ -42,7 +44,7 @@ class Clutter:
 
 
 def cluttered(random: np.random.Generator) -> Clutter:
-    """A tank as technicians have it: both wires oblique, and two or three of the disturbances."""
+    """Draws a tank as technicians have it: both wires oblique, and two or three of the disturbances."""
     around = Rotation.from_rotvec(np.radians(random.uniform([-6, -12, -8], [6, 12, 8])))
     opening = np.radians(random.uniform(30, 48, 2))
     dips = random.uniform(-0.15, 0.15, 2)
@@ -70,13 +72,16 @@ def _triple(values: np.ndarray) -> tuple[float, float, float]:
 
 
 def wire_intensity(pose: Matrix4, x_mm: Floats, y_mm: Floats, clutter: Clutter, beam: Beam) -> Floats:
-    """(h, w) intensity against plain tissue. pose: (4, 4) P → C, mm. x_mm: (1, w), y_mm: (h, 1) from the middle."""
+    """Returns the intensity, (h, w), relative to plain tissue. pose: (4, 4) P → C, mm. x_mm: (1, w), y_mm: (h, 1) from
+    the middle.
+    """
     crossing_mm = -pose[:3, :3].T @ pose[:3, 3]
     first, second = (np.array(direction) for direction in clutter.directions)
     apart = np.cross(first, second)
     apart *= clutter.gap_mm / np.linalg.norm(apart)
     total = np.zeros((y_mm.size, x_mm.size))
     for wire, shift, level_db in ((first, 0.0, 0.0), (second, 1.0, clutter.second_db)):
+        # Where the wire passes through the picture, and how the thickness of the slice spreads it along its slope.
         direction = pose[:3, :3].T @ wire
         place = crossing_mm + shift * (pose[:3, :3].T @ apart)
         slope = direction[:2] / direction[2]
@@ -91,7 +96,7 @@ def wire_intensity(pose: Matrix4, x_mm: Floats, y_mm: Floats, clutter: Clutter, 
 
 
 def _echo(x_mm: Floats, y_mm: Floats, spot_mm: np.ndarray, spread: np.ndarray, clutter: Clutter) -> np.ndarray:
-    """An echo of intensity 1 with its wings and its reverberation."""
+    """Returns an echo of intensity 1 with its wings and its reverberation."""
     echo = _bell(x_mm - spot_mm[0], y_mm - spot_mm[1], spread)
     if np.isfinite(clutter.side_lobe_db):
         wide = spread + np.diag([clutter.side_lobe_mm**2, 0.0])

@@ -1,4 +1,4 @@
-"""The one world that all twins share: a probe on tissue before a tracker. Pure and seeded; time is an argument."""
+"""Computes the one world that all twins share: a probe on tissue before a tracker. It is pure and seeded."""
 
 from collections.abc import Collection
 from dataclasses import dataclass
@@ -32,19 +32,19 @@ _TRACKER_ORIGIN_MM = (64.0, -87.0, -1520.0)
 """Tissue → tracker: oblique likewise, and 1.5 m in front of it (negative z), where a Polaris measures."""
 
 _HALF_ANGLE_DEG, _FAN_HALF_ANGLE_DEG = 17.0, 20.0
-"""Half angle of the sector that is drawn, by pixels, and of a convex probe, by mm. Wider ones are cut off by the sides
-of the picture, narrower ones show less tissue."""
+"""Half angle of the sector that is drawn, in pixel coordinates, and of a convex probe, in millimetres. Wider ones are
+cut off by the sides of the picture, narrower ones show less tissue."""
 _APEX = -1.2
 """Height of the sector's apex above the picture, in heights of the picture: a fan of 25 mm radius in 21 mm of depth."""
 
 
 @dataclass(frozen=True, slots=True)
 class WorldSettings:
-    """Geometry and noise of the simulated cart.
+    """Holds geometry and noise of the simulated cart.
 
     scale_mm_per_px: (lateral, axial), 0.04 … 0.1. tracker_sd_mm, tracker_sd_deg: per axis, white. noise_db: electronic
-    noise against the echo of plain tissue near the probe. range_db: what 255 grey levels span.
-    attenuation_db: what the depth gain leaves uncorrected at the bottom. depth_zoom: by what the fault `depth`
+    noise relative to the echo of plain tissue near the probe. range_db: dynamic range that 255 grey levels span.
+    attenuation_db: what the depth gain leaves uncorrected at the bottom. depth_zoom: factor by which the fault `depth`
     magnifies.
     """
 
@@ -79,11 +79,11 @@ def _rigid(rotation_vector: tuple[float, float, float], offset_mm: tuple[float, 
 
 
 class World:
-    """Truth and what the devices see of it.
+    """Holds the truth and computes what the devices see of it.
 
-    program: one of trajectory.PROGRAMS. scene: one of SCENES; "speckle" is tissue without any structure.
-    clutter: what the tank of a cross-wire holds besides, if not clean water. surroundings: kind of tissue and probe.
-    Tissue is grown at the first picture, so a world that is only asked for poses costs nothing.
+    program: one of trajectory.PROGRAMS. scene: one of SCENES; "speckle" is tissue without any structure. clutter: what
+    the tank of a cross-wire holds besides, if not clean water. surroundings: kind of tissue and probe. Tissue is grown
+    at the first picture, so a world that is only asked for poses costs nothing. Time is an argument of the methods.
     Raises ConfigurationError for unknown names.
     """
 
@@ -106,7 +106,7 @@ class World:
 
     @property
     def image_to_probe(self) -> Matrix4:
-        """(4, 4) pixel (column, row, 0, 1), origin at the corner, → sensor, mm; the ImageToProbe of PLUS."""
+        """Returns (4, 4) pixel (column, row, 0, 1), origin at the corner, → sensor, mm; the ImageToProbe of PLUS."""
         settings = self.settings
         to_centre = np.eye(4)
         to_centre[:2, 3] = -(settings.width_px - 1) / 2, -(settings.height_px - 1) / 2
@@ -116,16 +116,16 @@ class World:
 
     @property
     def crossing_mm(self) -> NDArray[np.float64]:
-        """(3,) where the two wires cross, tracker frame."""
+        """Returns where the two wires cross, (3,), tracker frame."""
         return self.tissue_to_tracker[:3, 3].copy()
 
     def probe_pose(self, t_s: float) -> Matrix4:
-        """(4, 4) true sensor → tracker, mm."""
+        """Returns the true pose, (4, 4) sensor → tracker, mm."""
         pose: Matrix4 = self.tissue_to_tracker @ self.trajectory.pose(t_s) @ self.sensor_to_picture
         return pose
 
     def measured_pose(self, t_s: float, index: int) -> Matrix4:
-        """(4, 4) sensor → tracker as the tracker reports it; index, >= 0, seeds its noise."""
+        """Returns the pose, (4, 4) sensor → tracker, as the tracker reports it; index, >= 0, seeds its noise."""
         random = np.random.default_rng((self.seed, 31, index))
         noise = np.eye(4)
         spread_rad = np.radians(self.settings.tracker_sd_deg)
@@ -135,17 +135,19 @@ class World:
         return pose
 
     def frame(self, t_s: float, index: int, active: Collection[str] = ()) -> GreyImage:
-        """(height, width) uint8 seen at t_s; index, >= 0, seeds the electronic noise; active: faults in force."""
+        """Returns the picture, (height, width) uint8, seen at t_s. index, >= 0: seeds the electronic noise. active:
+        faults in force.
+        """
         return self.frame_at(self.trajectory.pose(t_s), index, active)
 
     def frame_at(
         self, picture_pose: Matrix4, index: int = 0, active: Collection[str] = (), sight: Sight | None = None
     ) -> GreyImage:
-        """The picture at a given pose P → C, (4, 4), mm. sight: how it differs from that of rigid tissue."""
+        """Returns the picture at a given pose P → C, (4, 4), mm. sight: how it differs from that of rigid tissue."""
         return self.on_screen(self.plain_at(picture_pose, index, sight), active)
 
     def on_screen(self, grey: GreyImage, active: Collection[str] = ()) -> GreyImage:
-        """Plain echoes as the scanner's screen shows them, with all that it draws."""
+        """Returns plain echoes as the scanner's screen shows them, with all that it draws."""
         if not self.settings.overlay:
             return spoil_image(grey, active)
         screen, magnified = self._screen, 1.0
@@ -156,12 +158,14 @@ class World:
         return np.asarray(cv2.max(grey, screen.drawn(magnified)), np.uint8)
 
     def plain_at(self, picture_pose: Matrix4, index: int, sight: Sight | None = None) -> GreyImage:
-        """The echoes alone in 255 grey levels, (height, width) uint8: without faults and what the scanner draws."""
+        """Returns the echoes alone in 255 grey levels, (height, width) uint8, without faults and what the scanner
+        draws.
+        """
         return self._compressed(*self.echoes_at(picture_pose, sight), index)
 
     def echoes_at(self, picture_pose: Matrix4, sight: Sight | None = None) -> tuple[Floats, Floats]:
-        """Real and imaginary echo field, (height, width) float32, before noise, gain and compression. A cross-wire
-        gives way to nothing, so no sight differs there.
+        """Returns the real and imaginary echo field, (height, width) float32, before noise, gain and compression. A
+        cross-wire gives way to nothing, so no sight differs there.
         """
         if self.scene != "cross-wire":
             return self._tissue_echoes(picture_pose, sight or Sight())
@@ -184,7 +188,7 @@ class World:
 
     @cached_property
     def geometry(self) -> Geometry:
-        """Where the pixels lie."""
+        """Returns where the pixels lie."""
         settings = self.settings
         size_px, scale = (settings.width_px, settings.height_px), settings.scale_mm_per_px
         middle = (settings.height_px - 1) / 2
@@ -206,7 +210,9 @@ class World:
 
     @cached_property
     def _noise(self) -> Floats:
-        """Two fields of electronic noise, larger than the picture; each frame takes a window at a place of its own."""
+        """Returns two fields of electronic noise, larger than the picture; each frame takes a window at a place of its
+        own.
+        """
         settings = self.settings
         shape = (2, settings.height_px + 256, settings.width_px + 256)
         noise = np.random.default_rng((self.seed, 41)).standard_normal(shape, np.float32)
@@ -214,7 +220,7 @@ class World:
         return noise
 
     def _compressed(self, real: Floats, imaginary: Floats, index: int) -> GreyImage:
-        """Attenuation, electronic noise, depth gain, envelope, logarithm, 8 bits."""
+        """Applies attenuation, electronic noise, depth gain, envelope, logarithm and quantisation to 8 bits."""
         settings = self.settings
         down, right = np.random.default_rng((self.seed, 43, index)).integers(0, 257, 2)
         window = np.s_[down : down + settings.height_px, right : right + settings.width_px]
@@ -230,7 +236,7 @@ class World:
         return np.asarray(grey, np.uint8)
 
     def _wire_echoes(self, pose: Matrix4) -> Floats:
-        """(h, w) float32 amplitude of the two wires and what is in the tank besides."""
+        """Returns the amplitude, (h, w) float32, of the two wires and what is in the tank besides."""
         settings = self.settings
         x_mm = ((np.arange(settings.width_px) - (settings.width_px - 1) / 2) * settings.scale_mm_per_px[0])[None, :]
         y_mm = ((np.arange(settings.height_px) - (settings.height_px - 1) / 2) * settings.scale_mm_per_px[1])[:, None]
@@ -238,9 +244,11 @@ class World:
 
 
 class _Screen:
-    """What the scanner draws: the border of the sector, a ruler of its depth, and text and probe arc that never move.
+    """Draws what the scanner draws: the border of the sector, a ruler of its depth, and text and probe arc that never
+    move.
 
-    sector: (h, w) uint8 mask, 255 inside. top_row_px: sector top. aspect: of what the sector is round in: 1 for pixels.
+    sector: (h, w) uint8 mask, 255 inside. top_row_px: sector top. aspect: ratio of the units in which the sector is
+    round, 1 for pixels.
     """
 
     def __init__(
@@ -256,11 +264,11 @@ class _Screen:
 
     @property
     def text(self) -> GreyImage:
-        """(h, w) uint8, laid over the picture at the depth of the calibration."""
+        """Returns the overlay, (h, w) uint8, at the depth of the calibration."""
         return self.drawn(1.0)
 
     def drawn(self, magnified: float) -> GreyImage:
-        """The overlay at a depth that magnifies the picture: the ruler's ticks lie that much further apart."""
+        """Returns the overlay at a depth that magnifies the picture: the ruler's ticks lie that much further apart."""
         if magnified not in self._drawn:
             text = np.zeros((self._size_px[1], self._size_px[0]), np.uint8)
             self._draw_arcs(text)
@@ -285,7 +293,7 @@ class _Screen:
             cv2.ellipse(text, centre, (round(radius / self._aspect), radius), 0, start, stop, grey, 1, cv2.LINE_AA)
 
     def _draw_scale(self, text: GreyImage, axial_mm_per_px: float) -> None:
-        """Ticks every 5 mm of depth along the right edge, and a focus mark."""
+        """Draws ticks every 5 mm of depth along the right edge, and a focus mark."""
         width, height = self._size_px
         rows = np.arange(self.top_row_px, 0.98 * height, 5 / axial_mm_per_px)
         for tick, row in enumerate(rows):

@@ -1,4 +1,5 @@
-"""The one name that everything here is imported by; docs/python.md shows what a program of your own takes from it.
+"""Provides the one name by which everything here is imported; docs/python.md shows what a program of your own takes
+from it.
 
 A wheel carries `appliance`, `drivers` and `tools` beside this file. In a checkout they lie at the top of the
 repository. What is named here is loaded when it is first asked for: the service and its commands load what they need.
@@ -30,7 +31,7 @@ _MODULES = {
 
 
 def __getattr__(name: str) -> Any:
-    """Raises AttributeError for a name that is not of the interface."""
+    """Loads a name of the interface. Raises AttributeError for any other name."""
     if name not in _MODULES:
         raise AttributeError(f"probewatch has no '{name}'; it has {', '.join(_MODULES)}")
     return getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)
