@@ -32,8 +32,8 @@ class Rhythm:
         self._phase_rad = random.uniform(0, 2 * np.pi)
 
     def breath_mm(self, t_s: Array, peak_to_peak_mm: float) -> Array:
-        """Returns the displacement by breath, (n,) mm, from breathing out; out is slow and in is quick, and the tissue
-        lingers at the end of breathing out.
+        """Returns the displacement by breath, (n,) mm, from the end of breathing in. The tissue lingers at the end of
+        breathing out, where the fourth power of the cosine is flat; both ways take as long.
         """
         number = np.searchsorted(self._starts_s, t_s, side="right") - 1
         share = (t_s - self._starts_s[number]) / np.diff(self._starts_s)[number]
