@@ -1,1 +1,1 @@
-"""The configuration file: read once, whole, and refused by key, value and bound."""
+"""Reads the configuration file: once, whole, and refused by key, value and bound."""

@@ -1,4 +1,4 @@
-"""The configuration file: read once, whole, and refused by line, key, value and bound when it cannot be meant."""
+"""Reads the configuration file: once, whole, and refused by line, key, value and bound where it cannot be intended."""
 
 import hashlib
 from math import isfinite
@@ -21,12 +21,12 @@ from probewatch.drivers.files.regular_file import read_bounded
 from probewatch.drivers.registry import checked_url, is_simulated, split_url
 
 _MOST_BYTES = 64_000
-"""The commented example has 3000."""
+"""Bytes. The commented example has 3000."""
 
 
 _EXAMPLE = "config/probewatch.toml shows every key"
 _LONGEST_SOCKET_BYTES = 100
-"""The kernel takes 107."""
+"""Bytes. The kernel takes 107."""
 
 
 def _refused(what: str) -> PydanticCustomError:
@@ -34,7 +34,7 @@ def _refused(what: str) -> PydanticCustomError:
 
 
 def _url(kind: str) -> AfterValidator:
-    """Raises what pydantic collects for a URL that can never be opened as this kind."""
+    """Returns a validator that raises what pydantic collects for a URL that can never be opened as this kind."""
 
     def check(url: str) -> str:
         _refuse_controls(url)
@@ -80,31 +80,31 @@ _Place = Annotated[Path, Field(strict=False), AfterValidator(_refuse_controls)]
 
 
 class Video(_Section):
-    """The scanner's picture by its URL."""
+    """Names the scanner's picture by its URL."""
 
     url: Annotated[str, _url("video")]
 
 
 class Tracker(_Section):
-    """The tracker by its URL."""
+    """Names the tracker by its URL."""
 
     url: Annotated[str, _url("tracker")]
 
 
 class Output(_Section):
-    """One alarm output by its URL and what it shows; see appliance.supervision.annunciator.Role."""
+    """Names one alarm output by its URL and the signal it shows; see appliance.supervision.annunciator.Role."""
 
     url: Annotated[str, _url("output")]
     signal: Role = Field(default=Role.CONTACT, strict=False)
 
 
 class CalibrationPlace(_Section):
-    """Where the first reference lies; a relative path counts from the folder of the configuration file. file: None for
-    a cart that has none yet, whose first one is scanned on it.
+    """Locates the first reference; a relative path counts from the folder of the configuration file. file: None for a
+    cart that has none yet, whose first one is scanned on it.
 
-    image_size_px: (width, height) of the pictures, where the file does not state it. probe: whose transform of a PLUS
-    device set it is. due_days: after which it is to be checked again; None for a cart whose due date is kept elsewhere.
-    overdue: what a passed date does: advise, or also expires, which takes the verification away.
+    image_size_px: (width, height) of the pictures, where the file does not state it. probe: names the transform of a
+    PLUS device set. due_days: after which it is to be checked again; None for a cart whose due date is kept elsewhere.
+    overdue: what a passed date does: advise, or also expires, which removes the verification.
     """
 
     file: _Place | None = None
@@ -115,15 +115,15 @@ class CalibrationPlace(_Section):
 
 
 class NoisePlace(_Section):
-    """What `probewatch noise` has learned from healthy scanning of this cart; a relative path counts from the folder of
-    the configuration file. file: None for the threshold that probewatch ships with.
+    """Locates what `probewatch noise` has learned from healthy scanning of this cart; a relative path counts from the
+    folder of the configuration file. file: None for the threshold that probewatch ships with.
     """
 
     file: _Place | None = None
 
 
 class SupervisorTimes(_Section):
-    """Durations of the supervisor's table and of the device watchers, in the unit that ends each name."""
+    """Holds durations of the supervisor's table and of the device watchers, in the unit that ends each name."""
 
     gross_halt_after_s: float = Field(default=0.3, ge=0, le=10)
     halt_after_s: float = Field(default=1.0, ge=0, le=10)
@@ -141,7 +141,7 @@ class SupervisorTimes(_Section):
     unseen_s: float = Field(default=3.0, ge=0.5, le=60)
 
     def durations(self, stated_ns: int = 0) -> Durations:
-        """stated_ns: by which the sources are known to be late."""
+        """Returns the durations. stated_ns: the delay that the sources are known to have."""
         return Durations(
             gross_halt_after_ns=_ns(self.gross_halt_after_s),
             halt_after_ns=_ns(self.halt_after_s),
@@ -166,7 +166,7 @@ class SupervisorTimes(_Section):
 
 
 class Control(_Section):
-    """The Unix socket through which tools speak to the service; its path is bounded by the kernel.
+    """Describes the Unix socket through which tools talk to the service; the kernel limits its path.
 
     viewers: users who may read status and feed without pictures, and request nothing, whatever group they are in; one
     that does not exist has no rights.
@@ -178,10 +178,10 @@ class Control(_Section):
 
 
 class Feed(_Section):
-    """What the service sees, pictures included, for programs of the same group on this computer; docs/feed.md.
+    """Describes the feed, with pictures, for programs of the same group on this computer; docs/feed.md.
 
     socket: None for `feed` beside the control socket. offered: whether there is one. viewers: users who may read status
-    and feed, pictures included, and request nothing, whatever group they are in.
+    and feed, including pictures, and request nothing, whatever group they are in.
     """
 
     offered: bool = True
@@ -190,11 +190,11 @@ class Feed(_Section):
 
 
 class Recorder(_Section):
-    """What `probewatch record` keeps of the feed; the service takes no notice of it. docs/black-box.md.
+    """Describes what `probewatch record` keeps of the feed; the service ignores it. docs/black-box.md.
 
     ring_gb, kept_gb: 10⁹ bytes of the latest, and of what is kept of alarms and of stretches that a person marked.
     leave_free_gb: of the disk, below which nothing is written. before_alarm_s, after_alarm_s: what is kept of an alarm.
-    every: one of so many pictures. text: whether what lies outside the sector is made black.
+    every: keeps one picture of this many. text: whether what lies outside the sector is made black.
     """
 
     folder: _Place = Path("/var/lib/probewatch-recorder")
@@ -209,20 +209,20 @@ class Recorder(_Section):
 
 
 class Alarm(_Section):
-    """How the operator is spoken to, and the folder of the alarm log, which must outlive a power cut."""
+    """Sets the operator's language, and the folder of the alarm log, which must survive a power cut."""
 
     language: Literal["en", "de"] = "en"
     folder: _Place = Path("/var/lib/probewatch")
 
 
 class Log(_Section):
-    """How much is logged to stderr."""
+    """Sets how much is logged to stderr."""
 
     level: Literal["debug", "info", "warning", "error"] = "info"
 
 
 def _bounded_ages(config: "Config") -> "Config":
-    """No age, and no rest, may be longer than the supervisor grants to any parameter; a default gives way."""
+    """Refuses an age, or a rest, longer than the supervisor grants to any parameter; a default gives way."""
     most_s = config.supervisor.max_verification_age_s
     limits, required = config.limits, config.limits.required_age_s
     stated = {check_name(field) for field in required.model_fields_set}
@@ -245,7 +245,7 @@ def _not_by_hand(config: "Config") -> "Config":
 
 
 class Config(_Section):
-    """The whole file. configured: False until a person has adapted it. output holds one or more alarm outputs."""
+    """Holds the whole file. configured: False until a person has adapted it. output holds one or more alarm outputs."""
 
     configured: bool = True
     video: Video
@@ -268,50 +268,50 @@ class Config(_Section):
 
     @property
     def learned_noise(self) -> LearnedNoise | None:
-        """What the limits' threshold of a name is from; None for the one that probewatch ships with."""
+        """Returns the origin of the limits' threshold of a name; None for the one that probewatch ships with."""
         return self._learned
 
     @property
     def sha256(self) -> str:
-        """SHA-256 of the file's content, in hexadecimal; empty where there was no file."""
+        """Returns the SHA-256 of the file's content, in hexadecimal; empty where there was no file."""
         return self._sha256
 
     @property
     def required_ages_ns(self) -> dict[str, int]:
-        """How old the motion may be that showed each parameter which the contact asks for."""
+        """Returns how old the motion may be that showed each parameter which the contact requires."""
         most_s = self.supervisor.max_verification_age_s
         ages_s = self.limits.required_age_s.ages_s
         return {name: _ns(most_s if age_s is None else min(age_s, most_s)) for name, age_s in ages_s.items()}
 
     @property
     def feed_socket(self) -> Path | None:
-        """Where the feed is offered, None where it is not."""
+        """Returns the path at which the feed is offered, None where it is not."""
         return (self.feed.socket or self.control.socket.with_name("feed")) if self.feed.offered else None
 
     @property
     def simulated(self) -> tuple[str, ...]:
-        """URLs of the sources that are no real device; with none of them it is a real cart."""
+        """Returns the URLs of the sources that are not real devices; without any it is a real cart."""
         return tuple(device.url for device in (self.video, self.tracker) if is_simulated(device.url))
 
     @property
     def tracker_latency_ms(self) -> float:
-        """What the tracker's URL takes off every stamp."""
+        """Returns what the tracker's URL subtracts from every stamp."""
         return _stated_ms(self.tracker.url, "tracker")
 
     @property
     def durations(self) -> Durations:
-        """As `[supervisor]` has them; a verdict may be behind by what the URLs take off the stamps as well."""
+        """Returns the durations of `[supervisor]`; what the URLs subtract from the stamps is added to behind_ns."""
         stated_ms = _stated_ms(self.video.url, "video") + self.tracker_latency_ms
         return self.supervisor.durations(_ns(stated_ms / 1e3))
 
 
 def load_config(path: Path) -> Config:
-    """Raises ConfigurationError, and its kind Mistakes, naming file, line, key, value, bound and what to do."""
+    """Reads the file. Raises ConfigurationError, or its kind Mistakes, naming file, line, key, value, bound, remedy."""
     return config_of(configuration_text(path), path)
 
 
 def config_of(text: str, path: Path) -> Config:
-    """What the file at `path` would say with that text. Raises as load_config does."""
+    """Returns what the file at `path` would mean with that text. Raises as load_config does."""
     values = _parsed(text, path)
     try:
         config = Config.model_validate(values)
@@ -331,7 +331,7 @@ def config_of(text: str, path: Path) -> Config:
 
 
 def _with_noise(config: Config, file: Path, text: str, path: Path) -> Config:
-    """The configuration with the threshold that was learned. Raises Mistakes of either file."""
+    """Returns the configuration with the threshold that was learned. Raises Mistakes of either file."""
 
     def refused(what: str) -> Mistakes:
         line = line_of(("noise", "file"), key_lines(text))
@@ -355,7 +355,7 @@ def _with_noise(config: Config, file: Path, text: str, path: Path) -> Config:
 
 
 def is_configured(path: Path) -> bool:
-    """Whether a person has adapted the file; one without the key counts as adapted. Raises ConfigurationError."""
+    """Returns False until a person has adapted the file; True without the key. Raises ConfigurationError."""
     return _parsed(configuration_text(path), path).get("configured", True) is not False
 
 
@@ -378,7 +378,7 @@ def _ns(seconds: float) -> int:
 
 
 def configuration_text(path: Path) -> str:
-    """Raises ConfigurationError for a file that cannot be read as text of bounded size."""
+    """Returns the file's text. Raises ConfigurationError for a file that cannot be read as text of bounded size."""
     try:
         return text_of(read_bounded(path, _MOST_BYTES))
     except OSError as error:

@@ -1,7 +1,7 @@
-"""What healthy scanning of a cart has taught of its noise: the threshold of a name, and where it is from.
+"""Reads and writes what healthy scanning of a cart has taught about its noise: the threshold of a name, and its origin.
 
 `probewatch noise` writes the file, `[noise] file` of the configuration names it. It can only raise the threshold of a
-name; what withdraws the OK has one of its own, which no file changes.
+name; the condition that withdraws the OK has a threshold of its own, which no file changes.
 """
 
 import hashlib
@@ -19,7 +19,7 @@ from probewatch.drivers.files.markup import SAVE_AS_UTF_8, NotUtf8Error, text_of
 from probewatch.drivers.files.regular_file import read_bounded
 
 _MOST_BYTES = 256_000
-"""A thousand recordings with their names; a cart's week has some hundred. More is read for longer at each start."""
+"""Bytes, a thousand recordings with their names; a cart's week has some hundred. More takes longer at each start."""
 NOISE_BEGINS = "# Learned from healthy scanning of this cart"
 """The first words of each such file."""
 _LEARN = "Learn it again: probewatch noise"
@@ -30,7 +30,7 @@ _Known = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=Fals
 
 
 class LearnedFrom(BaseModel):
-    """One file that was learned from."""
+    """Identifies one file from which the noise was learned."""
 
     model_config = _Known
 
@@ -39,9 +39,9 @@ class LearnedFrom(BaseModel):
 
 
 class LearnedNoise(BaseModel):
-    """named_nats: log likelihood ratio from which a FAULT is named. hours: in which the test had something to test.
-    exceedances: blocks of it that came above from_nats; tail_nats, per_hour: upper bounds of how slowly such peaks
-    become rarer, nats for a factor of e, and of how many there are. simulated: learned from no real cart.
+    """Holds what was learned. named_nats: log likelihood ratio from which a FAULT is named. hours: in which the test
+    had something to test. exceedances: blocks of it that came above from_nats; tail_nats, per_hour: upper bounds of how
+    slowly such peaks become rarer, nats for a factor of e, and of their number. simulated: learned from no real cart.
     """
 
     model_config = _Known
@@ -71,11 +71,11 @@ class LearnedNoise(BaseModel):
 
     @property
     def sha256(self) -> str:
-        """SHA-256 of the file's content; empty where there is no file yet."""
+        """Returns the SHA-256 of the file's content; empty where there is no file yet."""
         return self._sha256
 
     def toml(self) -> str:
-        """The file."""
+        """Returns the text of the file."""
         lines = [
             f"{NOISE_BEGINS} by `probewatch noise`; docs/noise.md says what it means.",
             "# [noise] file of the configuration names it. It raises the threshold of a name and changes nothing else.",
@@ -90,18 +90,18 @@ class LearnedNoise(BaseModel):
 
 
 def judged_by(limits: Limits) -> dict[str, float]:
-    """Those that a threshold belongs to."""
+    """Returns the limits to which a threshold belongs."""
     return {name: getattr(limits, name) for name in _JUDGED}
 
 
 def write_noise(path: Path, learned: LearnedNoise) -> None:
-    """The old file stays until the new one is whole and on the disk. Raises ConfigurationError."""
+    """Writes the file; the old one stays until the new one is whole and on the disk. Raises ConfigurationError."""
     with writing(path) as stream:
         stream.write(learned.toml().encode())
 
 
 def read_noise(path: Path) -> LearnedNoise:
-    """Raises ConfigurationError, and its kind Mistakes, for what cannot be read or is something else."""
+    """Reads the file. Raises ConfigurationError, or its kind Mistakes, where it cannot be read or is something else."""
     try:
         data = read_bounded(path, _MOST_BYTES)
     except OSError as error:

@@ -1,4 +1,4 @@
-"""The line of a TOML text in which each key stands. tomllib returns what a file says, but not where."""
+"""Finds the line of a TOML text in which each key is. tomllib returns what a file contains, but not where."""
 
 import tomllib
 from collections.abc import Iterator
@@ -11,14 +11,14 @@ _LONGEST_STATEMENT = 200
 """Lines of one value. A value is parsed again with each of its lines; longer ones, and all after them, get no line."""
 
 _LEAST_PARSED, _MOST_PARSED = 100_000, 4
-"""Characters parsed for one text, as a number and as a multiple of its length, whichever is more: this bounds the work
-of a hostile text to .9 s (measured on 221 kB of long values, 8.8 s without). Fewer would leave long but honest values
+"""Characters parsed for one text, as a number and as a multiple of its length, whichever is more. This limits the work
+on a hostile text to 0.9 s (measured on 221 kB of long values, 8.8 s without). Fewer would leave long but honest values
 without a line.
 """
 
 
 def key_lines(text: str) -> dict[Place, int]:
-    """Place → line, from 1, of every section and key of a text that is valid TOML."""
+    """Returns place → line, from 1, of every section and key of a text that is valid TOML."""
     lines: dict[Place, int] = {}
     tables: dict[Place, int] = {}
     section: Place = ()
@@ -35,12 +35,12 @@ def key_lines(text: str) -> dict[Place, int]:
 
 
 def line_of(place: Place, lines: dict[Place, int]) -> int | None:
-    """Line of the place, or of the nearest section around it that stands in the file."""
+    """Returns the line of the place, or of the nearest section around it that is in the file."""
     return next((lines[place[:depth]] for depth in range(len(place), 0, -1) if place[:depth] in lines), None)
 
 
 def _statements(text: str) -> Iterator[tuple[int, str, dict[str, Any]]]:
-    """(first line, source, what it says) of each header and each key with its value."""
+    """Yields (first line, source, parsed value) of each header and each key with its value."""
     begun, source = 0, ""
     left = max(_LEAST_PARSED, _MOST_PARSED * len(text))
     for number, line in enumerate(text.splitlines(keepends=True), 1):
@@ -66,7 +66,7 @@ def _places(values: dict[str, Any] | list[Any], above: Place = ()) -> Iterator[P
 
 
 def _entered(places: list[Place], statement: dict[str, Any], tables: dict[Place, int]) -> Place:
-    """The place that a header opens; tables: arrays of tables so far, and the number of the latest entry of each."""
+    """Returns the place that a header opens. tables: arrays of tables so far, with the number of the latest entry."""
     named = tuple(part for part in max(places, key=len) if isinstance(part, str))
     opened: Any = statement
     for part in named:

@@ -1,4 +1,4 @@
-"""The daemon: two processes, their threads and rings, the control socket and the log.
+"""Runs the daemon: two processes with their threads and rings, the control socket and the log.
 
-At this level only the composition root, its tick, and its stand-in while nothing is configured.
+This level holds only the composition root, its tick, and the stand-in that runs while nothing is configured.
 """

@@ -1,4 +1,4 @@
-"""The composition root: puts the parts of the service together, starts them, ticks until it is stopped, ends them."""
+"""Assembles the parts of the service, starts them, ticks until it is stopped, and closes them: the composition root."""
 
 import signal
 import time
@@ -40,16 +40,18 @@ from probewatch.appliance.supervision.supervisor import TICK_NS
 from probewatch.drivers.clock.host_clock import HostClock
 
 SOONEST_NS = 10_000_000
-"""Between two ticks, however often the estimator speaks. Longer keeps a verdict waiting, which is part of the delay of
-the contact; shorter lets a fast camera take the processor: 100 ticks a second are the most.
+"""ns, the shortest time between the beginnings of two ticks, however often the estimator reports. More keeps a verdict
+waiting, which adds to the delay of the contact; less lets a fast camera take the processor: 100 ticks a second are the
+most.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class Surroundings:
-    """What the service takes of the computer it runs on, beside the clock and the files.
+    """Holds what the service takes from the computer that it runs on, apart from the clock and the files.
 
-    pressure, worker: are made once. wall_ns: time of the calendar. slept: for how long the computer has slept.
+    pressure, worker: are called once each. wall_ns: calendar time, ns. slept: bounds of the time that the computer has
+    slept.
     """
 
     openers: Openers = field(default_factory=Openers)
@@ -60,9 +62,9 @@ class Surroundings:
 
 
 class Daemon:
-    """Everything that runs, in one place. Leaving the context de-energises the outputs and closes all.
+    """Owns everything that runs. Leaving the context de-energises the outputs and closes everything.
 
-    config_file: where the configuration came from, for reloading it. estimator: without a reference.
+    config_file: the file that the configuration came from, for reloading it. estimator: one that has no reference yet.
     """
 
     def __init__(
@@ -169,7 +171,7 @@ class Daemon:
 
     def __enter__(self) -> Self:
         self._references.begin()
-        current = self._references.current  # first: one that comes meanwhile is logged twice, not never
+        current = self._references.current  # read first: a reference that comes meanwhile is logged twice, not never
         self._events.started(
             current, origin_fields(self._configuration.config, self._configuration.file, self._references)
         )
@@ -177,7 +179,7 @@ class Daemon:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Outputs first."""
+        """Closes everything, the outputs first."""
         self._devices.close()
         self._estimator.close()
         self._feed.close()
@@ -189,9 +191,10 @@ class Daemon:
         get_log().info("stopped")
 
     def run(self) -> None:
-        """Tick until SIGTERM or SIGINT, at once when the estimator speaks. SIGHUP reloads the configuration.
+        """Ticks until SIGTERM or SIGINT, and without delay when the estimator reports. SIGHUP reloads the
+        configuration.
 
-        Raises what a device thread could not mend, such as ConfigurationError.
+        Raises the failures that a device thread could not recover from, such as ConfigurationError.
         """
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, self._stop)
@@ -202,17 +205,19 @@ class Daemon:
             self._estimator.wait(max(0.0, self._clock.real_s((ticked_ns + TICK_NS - self._clock.now_ns()) / 1e9)))
 
     def step(self) -> int:
-        """One tick; when it began, ns of the clock. Raises what a device thread could not mend."""
+        """Performs one tick; returns when it began, ns of the clock. Raises what a device thread could not recover
+        from.
+        """
         self._tick.step()
         return self._supervision.now_ns
 
     @property
     def threads(self) -> tuple[Thread, ...]:
-        """That run beside the tick, but for those which serve one request."""
+        """Returns the threads that run beside the tick, except those that serve a single request."""
         return (self._recorder, self._references, *self._devices.threads)
 
     def reload_soon(self) -> None:
-        """Read the configuration again in the next tick."""
+        """Requests that the next tick reads the configuration again."""
         self._configuration.asked = True
 
     def _stop(self, number: int, frame: FrameType | None) -> None:

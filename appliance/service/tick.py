@@ -1,4 +1,4 @@
-"""One tick of the service, 20 times a second and at each report of the estimator. It never blocks."""
+"""Performs one tick of the service, 20 times a second and at each report of the estimator. A tick never blocks."""
 
 from probewatch.appliance.service.control.estimate_notes import EstimateNotes
 from probewatch.appliance.service.control.event_log import EventLog
@@ -23,7 +23,7 @@ from probewatch.drivers.clock.host_clock import HostClock
 
 
 class Tick:
-    """What one tick does, in its order: a fault is commanded in the tick that hears of it; the watchdog is fed last."""
+    """Performs one tick. A fault is commanded in the tick that receives it; the watchdog is fed after that."""
 
     def __init__(
         self,
@@ -53,9 +53,10 @@ class Tick:
         self._fed_writes = 0
 
     def step(self) -> None:
-        """Hear the estimator and the devices, step, serve the socket, command the outputs, feed the watchdog.
+        """Polls the estimator and the devices, steps the supervision, serves the socket, commands the outputs, feeds
+        the watchdog.
 
-        Raises what a thread could not mend, such as ConfigurationError.
+        Raises the failures that a thread could not recover from, such as ConfigurationError.
         """
         self._raise_failures()
         now_ns = self._clock.now_ns()
@@ -91,7 +92,7 @@ class Tick:
         return verdicts
 
     def _watch(self, now_ns: int) -> tuple[Check, ...]:
-        """The checks of the device watchers, and that of this computer's own load."""
+        """Returns the checks of the device watchers and the check of this computer's own load."""
         configuration, overload = self._configuration, self._host.overload
         checks = watch_devices(now_ns, self._health(now_ns), configuration.timeouts, configuration.config.limits)
         load = overload.step(now_ns, self._estimator.waiting_frames, self._devices.losses)
@@ -113,12 +114,15 @@ class Tick:
         )
 
     def _command(self, now_ns: int, alarm: AlarmState, judged: bool) -> None:
-        """judged: a verdict came with this tick; then the delay of the contact counts from when it was said."""
+        """Commands the outputs.
+
+        judged: a verdict came with this tick; then the delay of the contact counts from when the verdict was sent.
+        """
         since_ns = self._clock.at(self._estimator.sent_ns) if judged else now_ns
         self._devices.command(self._annunciator.step(now_ns, alarm), since_ns)
 
     def _feed_watchdog(self, alarm: AlarmState) -> None:
-        """Only a completed write on some output shows that the alarm path is alive."""
+        """Feeds the watchdog if a write on some output was completed: only that shows that the alarm path is alive."""
         writes = self._devices.writes
         if writes > self._fed_writes:
             self._fed_writes = writes

@@ -1,4 +1,4 @@
-"""The service before anyone has configured it: alive, not verified, every contact open, and its status says why."""
+"""Stands in for the service until it is configured: alive, not verified, every contact open, its status says why."""
 
 import threading
 from pathlib import Path
@@ -10,14 +10,16 @@ from probewatch.appliance.service.host.systemd_notify import Notifier
 from probewatch.drivers.errors import ConfigurationError
 
 _LOOK_AGAIN_S = 1.0
+"""s, the time between two looks at the file and between two signs of life to the watchdog."""
 _WHAT = "not configured yet"
 
 
 def await_configuration(path: Path, stop: threading.Event) -> None:
-    """Return once the file says that it is configured, so that the service manager starts it again, or on stop.
+    """Returns once the file says that it is configured, so that the service manager starts the service again, or on
+    stop.
 
-    No output is opened, so none is energised; that is what the watchdog is fed for. Raises ConfigurationError when the
-    file becomes unreadable.
+    Opens no output, so that none is energised, and feeds the watchdog for that state. Raises ConfigurationError when
+    the file becomes unreadable.
     """
     remedy = f"Run: probewatch configure {path}. The service starts again by itself"
     status = f"not verified, alarm on: {_WHAT}. {remedy}"

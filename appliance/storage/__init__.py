@@ -1,1 +1,1 @@
-"""What lies on the disk and must survive a power cut: the alarm log and calibrations. No thread, no device."""
+"""Stores on the disk what must survive a power cut: the alarm log, calibrations, recordings. No thread, no device."""

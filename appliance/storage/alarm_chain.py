@@ -1,10 +1,10 @@
-"""The chain of the alarm log as it lies on the disk: append-only JSON lines, and the memory that says where it ends.
+"""Reads and verifies the chain of the alarm log: append-only JSON lines, and the memory that states where it ends.
 
 A folder holds segments `alarms-NNNNNNNN.jsonl`, named by the number of their first entry, and `alarm-memory.json`. Each
-entry carries the SHA-256 of its own content, which includes the digest of the entry before it, so an entry that was
-changed, taken out or put in breaks the chain; the memory holds number and digest of the last entry, so a log that was
-cut short shows as well. It shows accidents and careless hands; one who may write to the folder and knows this format
-can make a new chain, which the digests in the system journal would contradict.
+entry carries the SHA-256 of its own content, which includes the digest of the entry before it, so that an entry that
+was changed, removed or inserted breaks the chain; the memory holds number and digest of the last entry, so that a log
+that was truncated is detected as well. This detects accidents and careless hands; somebody who may write to the folder
+and knows this format can make a new chain, which the digests in the system journal would contradict.
 """
 
 import hashlib
@@ -22,19 +22,19 @@ REPORTS_FAULTS = (Fault.LOG_DAMAGED, Fault.MEMORY_DAMAGED)
 
 MEMORY = "alarm-memory.json"
 AFTER = "after"
-"""The field of a chain's first entry that holds the digest of the last entry before it."""
+"""Field of a chain's first entry that holds the digest of the last entry before it."""
 CUT_OFF = "is cut off"
-"""What is wrong with half an entry at the end of a segment that is not the last."""
+"""Describes half an entry at the end of a segment that is not the last."""
 VERSION = 1
 GENESIS = "0" * 64
-"""In place of the digest before the first entry of all: as long as a SHA-256 in hexadecimal."""
+"""Takes the place of the digest before the very first entry: as long as a SHA-256 in hexadecimal."""
 _SEGMENT = re.compile(r"alarms-([0-9]{8,})\.jsonl")
 _ENTRY_TYPES = {"number": int, "utc": str, "t_ns": int, "event": str, "data": dict, "previous": str}
 _MEMORY_TYPES = {"number": int, "digest": str, "first": int, "damage": list}
 
 
 class Event(StrEnum):
-    """What an entry holds; all that this version writes, of which earlier ones know fewer."""
+    """Names what an entry holds: all events that this version writes, of which earlier versions know fewer."""
 
     CHAIN_BEGUN = "chain begun"
     STARTED = "started"
@@ -56,7 +56,7 @@ class Event(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Latch:
-    """A latched state by its name and its fault class; in every entry too, so that the log can replace the memory."""
+    """Holds the name and fault class of a latched state; every entry has it, so that the log can replace the memory."""
 
     state: str
     fault: str | None
@@ -64,7 +64,7 @@ class Latch:
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """number: counts from 1. utc: ISO 8601, of the wall clock. t_ns: of the host clock, since its boot."""
+    """Represents an entry. number: counts from 1. utc: ISO 8601, wall clock. t_ns: of the host clock, since boot."""
 
     number: int
     utc: str
@@ -78,7 +78,7 @@ class Entry:
 
 @dataclass(frozen=True, slots=True)
 class Damage:
-    """What contradicts the chain, and where. fault: what it raises; None for a write that a power cut tore."""
+    """Describes what contradicts the chain, and where. fault: what it raises; None for a write torn by a power cut."""
 
     fault: Fault | None
     where: str
@@ -90,7 +90,7 @@ class Damage:
 
 @dataclass(frozen=True, slots=True)
 class Memory:
-    """What outlives the process. damage: hazard classes that no person has acknowledged yet."""
+    """Holds what outlives the process. damage: hazard classes that no person has acknowledged yet."""
 
     number: int = 0
     digest: str = GENESIS
@@ -101,7 +101,7 @@ class Memory:
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """All entries that could be read, in order, and everything that is wrong with them."""
+    """Holds all entries that could be read, in order, and everything that is wrong with them."""
 
     entries: tuple[Entry, ...]
     damages: tuple[Damage, ...]
@@ -109,19 +109,19 @@ class Reading:
 
     @property
     def broken(self) -> tuple[Damage, ...]:
-        """What no power cut explains: the chain is not whole."""
+        """Returns the damage that no power cut explains: the chain is not whole."""
         return tuple(damage for damage in self.damages if damage.fault is not None)
 
 
 @dataclass(slots=True)
 class _Chain:
-    """Walks the entries in order; expects what the one before promised."""
+    """Walks the entries in order and compares each with what the one before requires."""
 
     entries: list[Entry] = field(default_factory=list)
     damages: list[Damage] = field(default_factory=list)
 
     def take(self, where: str, line: bytes, promised: int | None) -> None:
-        """promised: the number that the name of a segment gives its first line; None for the others."""
+        """Takes a line. promised: the number that the name of a segment gives its first line; None for the others."""
         try:
             entry = _parse(line)
         except ValueError as error:
@@ -144,7 +144,7 @@ class _Chain:
             self.damages.append(Damage(Fault.LOG_DAMAGED, where, f"entry {entry.number} does not continue the chain"))
 
     def _link_begun(self, where: str, entry: Entry, before: Entry) -> None:
-        """A chain starts again after an unsound one, of which it says where that ended."""
+        """Checks an entry that starts the chain again after an unsound one, of which it states where that ended."""
         if entry.number <= before.number:
             what = f"entry {entry.number}, which begins a chain, follows entry {before.number}: it was moved or copied"
             self.damages.append(Damage(Fault.LOG_DAMAGED, where, what))
@@ -154,7 +154,7 @@ class _Chain:
 
 
 def read_log(folder: Path) -> Reading:
-    """Read and verify everything in the folder; an empty or missing folder is an empty log. Raises OSError."""
+    """Reads and verifies everything in the folder; an empty or missing folder is an empty log. Raises OSError."""
     chain = _Chain()
     files = segments(folder)
     for file in files:
@@ -166,7 +166,7 @@ def read_log(folder: Path) -> Reading:
 
 
 def segments(folder: Path) -> list[Path]:
-    """Oldest first; other files in the folder are none of ours."""
+    """Returns the segments, oldest first; other files in the folder are not ours."""
     named = [file for file in folder.glob("alarms-*.jsonl") if _SEGMENT.fullmatch(file.name) and file.is_file()]
     return sorted(named, key=first_number)
 
@@ -204,7 +204,7 @@ def _read_memory(folder: Path, chain: _Chain) -> Memory | None:
 
 
 def _compare(chain: _Chain, memory: Memory) -> None:
-    """The memory is written after each entry, so the log may be one entry ahead of it, never behind."""
+    """Compares log and memory. The memory is written after each entry: the log may be one entry ahead, never behind."""
     last = chain.entries[-1] if chain.entries else None
     number = 0 if last is None else last.number
     if number < memory.number:
@@ -221,7 +221,7 @@ def _compare(chain: _Chain, memory: Memory) -> None:
 
 
 def _parse(line: bytes) -> Entry:
-    """Raises ValueError for a line that is not an entry as it was written."""
+    """Returns the entry of a line. Raises ValueError for a line that is not an entry as it was written."""
     try:
         stored = _json(line)
         if stored.pop("digest") != (digest := digest_of(stored)):
@@ -235,7 +235,7 @@ def _parse(line: bytes) -> Entry:
 
 
 def _json(data: bytes) -> Any:
-    """Raises ValueError in words for a person, not in those of the codec."""
+    """Parses JSON. Raises ValueError in words for a person, not in those of the codec."""
     try:
         return json.loads(data)
     except UnicodeDecodeError:
@@ -245,7 +245,7 @@ def _json(data: bytes) -> Any:
 
 
 def _misplaced(entry: Entry, promised: int | None) -> str:
-    """Why the entry cannot stand in this line of its segment; empty where it can."""
+    """Returns why the entry cannot be in this line of its segment; empty where it can."""
     if promised is not None and entry.number != promised:
         return f"entry {entry.number} stands where the segment's name promises entry {promised}"
     if entry.event == Event.CHAIN_BEGUN and promised is None:
@@ -269,10 +269,10 @@ def _latch(stored: Any) -> Latch | None:
 
 
 def digest_of(stored: dict[str, Any]) -> str:
-    """SHA-256 of the content, in hexadecimal."""
+    """Returns the SHA-256 of the content, in hexadecimal."""
     return hashlib.sha256(json.dumps(stored, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
 
 
 def first_number(segment: Path) -> int:
-    """Number of the first entry in a segment, from its name."""
+    """Returns the number of the first entry in a segment, from its name."""
     return int(segment.stem.removeprefix("alarms-"))

@@ -1,4 +1,4 @@
-"""The writing end of the alarm log; appliance.storage.alarm_chain says how it lies on the disk."""
+"""Writes the alarm log; appliance.storage.alarm_chain describes its form on the disk."""
 
 import errno
 import json
@@ -27,19 +27,19 @@ from probewatch.appliance.storage.witnessed_log import read_witnessed_log
 from probewatch.drivers.files.atomic_file import make_folder, replacing, sync_directory
 
 ENTRIES_A_SEGMENT, SEGMENTS_KEPT = 2000, 20
-"""40,000 entries in all. More fills the disk of a cart and takes longer to verify at the start; fewer forgets sooner.
-What goes at once is a segment.
+"""Entries in a segment, and segments that are kept: 40,000 entries in all. More fills the disk of a cart and takes
+longer to verify at the start; fewer forgets sooner. Entries are removed a segment at a time.
 """
 _ESCAPED = "backslashreplace"
-"""Makes of a lone surrogate, which no UTF-8 can hold, its JSON escape."""
+"""Turns a lone surrogate, which no UTF-8 can hold, into its JSON escape."""
 
 
 class AlarmLog:
-    """The writing end. opened: what was found; an unsound chain is left as it is and a new one begun after it.
+    """Writes the log. opened: what was found; an unsound chain is left as it is and a new one begun after it.
 
-    latch: what the last run latched. damage: hazard classes that are not acknowledged yet; the next entry keeps what it
-    is set to. file: what was read or written last, so that a disk that does not answer can be named. Raises OSError
-    when the folder cannot be made or read.
+    latch: what the last run latched. damage: hazard classes that are not acknowledged yet; the next entry stores its
+    value. file: the file that was read or written last, so that a disk that does not answer can be named. Raises
+    OSError when the folder cannot be made or read.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -59,8 +59,9 @@ class AlarmLog:
             first = self.opened.entries[0].number if self.opened.entries else number + 1
         self._memory = Memory(number, GENESIS if last is None else last.digest, first, latch, self.damage)
         self._chain_begins = bool(unsound) or last is None
-        # A cut came between an entry and its memory, or this is the first start. Before the next entry the memory is
-        # written: another cut would leave the log two entries ahead of it, or with none, as real damage does.
+        # A power cut came between an entry and the write of the memory, or this is the first start. The memory is
+        # written before the next entry: else another power cut would leave the log two entries ahead of it, or without
+        # one, as real damage does.
         self._memory_behind = ahead or self.opened.memory is None
         self._segment: Path | None = None
         self._entries = 0
@@ -69,35 +70,37 @@ class AlarmLog:
 
     @property
     def latch(self) -> Latch | None:
-        """Latch of the last entry on the disk."""
+        """Returns the latch of the last entry on the disk."""
         return self._memory.latch
 
     @property
     def number(self) -> int:
-        """Number of the last entry on the disk."""
+        """Returns the number of the last entry on the disk."""
         return self._memory.number
 
     @property
     def digest(self) -> str:
-        """Digest of the last entry on the disk."""
+        """Returns the digest of the last entry on the disk."""
         return self._memory.digest
 
     def append(self, utc: datetime, t_ns: int, event: str, data: dict[str, Any], latch: Latch | None) -> None:
-        """Append it; it is on the disk when this returns. Raises OSError; then nothing was appended, and it may be
-        tried again.
+        """Appends an entry, which is on the disk when this returns.
+
+        Raises OSError; then nothing was appended, and the call may be repeated.
         """
         if self._chain_begins:
             found = [str(one) for one in self._unsound()]
-            if found:  # the memory first: once the chain has started again, the log itself shows this damage no more
+            if found:  # the memory first: once the chain has started again, the log no longer shows this damage
                 self._remember(replace(self._memory, damage=self.damage))
             self._write(utc, t_ns, Event.CHAIN_BEGUN, {"found": found, AFTER: self._memory.digest}, latch)
             self._chain_begins = False
         self._write(utc, t_ns, event, data, latch)
 
     def _unsound(self) -> list[Damage]:
-        """Damage that no chain began after. In a segment before the last of these that is what none of them names: it
-        came later. Only that an older segment ends in half an entry is not named, because a power cut does that; where
-        whole entries went with it, the chain shows.
+        """Returns the damage after which no chain has begun. In a segment from before the last beginning, this is the
+        damage that no beginning names, because it came later. An older segment that ends in half an entry is not
+        counted, named or not, because a power cut causes that; where whole entries were lost with it, the chain shows
+        it.
         """
         begins = [entry for entry in self.opened.entries if entry.event == Event.CHAIN_BEGUN]
         since = begins[-1].number if begins else 0
@@ -110,7 +113,7 @@ class AlarmLog:
         return [one for one in self.opened.damages if one.fault and not is_old(one)]
 
     def _continue_segment(self) -> None:
-        """Write on in the last segment; a torn last line is set aside first, also the first of all."""
+        """Continues the last segment; a torn last line is set aside first, even the only one of a log."""
         files = segments(self._folder)
         if not files:
             return
@@ -149,8 +152,8 @@ class AlarmLog:
             self._remember(Memory(number, digest, self._memory.first, latch, self.damage))
 
     def _forget_oldest(self) -> None:
-        """Forget the oldest before a new segment: the memory first, so that a cut between the two leaves too much, not
-        too little.
+        """Removes the oldest segments before a new one begins. The memory is written first, so that a power cut between
+        the two leaves too much, not too little.
         """
         files = segments(self._folder)
         kept = files[-(SEGMENTS_KEPT - 1) :]
@@ -160,7 +163,7 @@ class AlarmLog:
                 file.unlink()
 
     def _remember(self, memory: Memory) -> None:
-        """When this fails the entry is on the disk all the same; the memory is tried again before the next one."""
+        """Writes the memory. If that fails, the entry is on the disk all the same; the next entry tries again first."""
         self._memory = memory
         stored = {"v": VERSION, **asdict(memory), "damage": list(memory.damage)}
         self.file = self._folder / MEMORY
@@ -174,7 +177,7 @@ def _listed(found: object) -> list[Any]:
 
 
 def _append(file: Path, line: bytes) -> None:
-    """The whole line or nothing. Raises OSError."""
+    """Appends the whole line or nothing. Raises OSError."""
     fd = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o640)
     try:
         length = os.fstat(fd).st_size

@@ -1,7 +1,8 @@
-"""The black box: one MCAP file of everything that a line was given, in its order, and of what it said.
+"""Reads and writes the black box: one MCAP file of everything that a line was given, in its order, and of its verdicts.
 
-A file can be cut at any byte: what was written until a second before is read, and the reader says that it was cut. Fed
-to lines that are made as its settings say, it yields the same verdicts, bit for bit, as long as nothing is missing.
+A file can be truncated at any byte: everything written until a second before is read, and the reader reports the
+truncation. Fed to lines that are made by its settings, it yields the same verdicts, bit for bit, as long as nothing is
+missing.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -16,13 +17,14 @@ from probewatch.drivers.errors import RecordingError
 from probewatch.drivers.recordings.mcap_file import McapReader, McapWriter
 
 FORMAT = 1
-"""Version of the messages; it rises where an old reader would take a file for something that it is not."""
+"""Version of the messages; it rises where an old reader would misinterpret a file."""
 CHUNK_NS = 1_000_000_000
-"""Length of each part that is compressed and checked on its own, and so what a cut or a power failure takes at most.
-Longer takes more with it; shorter compresses worse."""
+"""ns, the length of each chunk that is compressed and checked on its own, and so the most that a truncation or a power
+failure can cost. More loses more with it; less compresses worse.
+"""
 
 _MOST_NAMED = 3
-"""Damages listed one by one in a sentence; the rest is counted."""
+"""Damages listed one by one in a sentence; the rest are counted."""
 
 
 def _object(title: str, **properties: Mapping[str, Any]) -> dict[str, Any]:
@@ -142,11 +144,11 @@ SCHEMAS: dict[str, dict[str, Any]] = {
     "/gap": _object("probewatch.Gap", reason=_TEXT, samples=_INTEGER),
     "/mark": _object("probewatch.Mark", kind={"enum": ["alarm", "start", "stop"]}, reason=_TEXT),
 }
-"""Topic → JSON schema of its messages, as it stands in every file."""
+"""Topic → JSON schema of its messages, as it is in every file."""
 
 
 class BlackBoxWriter:
-    """Writes to a stream that the caller opened and closes. Every call raises OSError as the stream does."""
+    """Writes to a stream that the caller opens and closes. Every call raises OSError as the stream does."""
 
     def __init__(self, stream: BinaryIO, begun: Begun) -> None:
         self._mcap = McapWriter(stream, SCHEMAS, f"probewatch {version('probewatch')}")
@@ -154,8 +156,9 @@ class BlackBoxWriter:
         self.put(begun, begun.t_ns)
 
     def put(self, item: Item, now_ns: int) -> bool:
-        """Writes a message. now_ns: CLOCK_MONOTONIC at which it is written. Returns whether a chunk was ended, so that
-        there is something to sync.
+        """Writes a message. Returns whether a chunk has ended, so that a sync is worthwhile.
+
+        now_ns: CLOCK_MONOTONIC at which it is written.
         """
         due = now_ns - self._chunk_ns >= CHUNK_NS
         if due:
@@ -171,16 +174,16 @@ class BlackBoxWriter:
 
 
 class TimedItem(NamedTuple):
-    """now_ns: when it was written, CLOCK_MONOTONIC."""
+    """Holds an item. now_ns: when it was written, CLOCK_MONOTONIC."""
 
     item: Item
     now_ns: int
 
 
 class BlackBox:
-    """A file to read. Raises RecordingError where it is no black box.
+    """Represents a file to read. Raises RecordingError where it is no black box.
 
-    begun: what it says of itself. damage: as of McapReader; complete once `items` has ended.
+    begun: its first message, which describes it. damage: that of McapReader; complete once `items` has ended.
     """
 
     def __init__(self, path: Path) -> None:
@@ -199,25 +202,25 @@ class BlackBox:
 
     @property
     def damage(self) -> list[str]:
-        """What is wrong with the file, in words."""
+        """Returns what is wrong with the file, in words."""
         return self._mcap.damage
 
     @property
     def damage_text(self) -> str:
-        """The damage in one sentence; empty for a whole file."""
+        """Returns the damage in one sentence; empty for a whole file."""
         more = len(self.damage) - _MOST_NAMED
         return "; ".join(self.damage[:_MOST_NAMED]) + (f"; and {more} more" if more > 0 else "")
 
     def stamps(self) -> Iterator[tuple[str, int]]:
-        """(topic, when it was true, ns) of pictures and poses, without decoding them."""
+        """Yields (topic, when it was true, ns) of pictures and poses, without decoding them."""
         for entry in self._mcap.entries():
             t_ns = entry.fields.get("t_ns")
             if entry.topic in ("/picture", "/pose") and isinstance(t_ns, int):
                 yield entry.topic, t_ns
 
     def items(self) -> Iterator[TimedItem]:
-        """Items in the order in which they were written; what cannot be understood is left out, reported as damage, and
-        there is a Gap in its place.
+        """Yields items in the order in which they were written. What cannot be understood is left out and reported as
+        damage, with a Gap in its place.
         """
         known = 0
         for entry in self._mcap.entries():
@@ -234,7 +237,7 @@ class BlackBox:
 
 
 class Span(NamedTuple):
-    """How many there are, and when the first and the last was true, ns."""
+    """Holds the number of items, and when the first and the last were true, ns."""
 
     number: int = 0
     first_ns: int = 0
@@ -242,9 +245,9 @@ class Span(NamedTuple):
 
 
 class Series:
-    """Files of one session as one recording. paths: of one session, in any order. Raises RecordingError.
+    """Reads the files of one session as one recording. boxes: of one session, in any order. Raises RecordingError.
 
-    begun: of the first.
+    begun: that of the first.
     """
 
     def __init__(self, boxes: Sequence[BlackBox]) -> None:
@@ -253,11 +256,11 @@ class Series:
 
     @property
     def damage_text(self) -> str:
-        """What is wrong with any of them; complete once `items` has ended."""
+        """Returns what is wrong with any of them; complete once `items` has ended."""
         return "; ".join(f"{box.path.name} {box.damage_text}" for box in self.boxes if box.damage)
 
     def spans(self) -> tuple[Span, Span]:
-        """Spans of the pictures and of the poses."""
+        """Returns the spans of the pictures and of the poses."""
         found = {"/picture": Span(), "/pose": Span()}
         for topic, t_ns in (stamp for box in self.boxes for stamp in box.stamps()):
             span = found[topic]
@@ -266,13 +269,13 @@ class Series:
         return found["/picture"], found["/pose"]
 
     def first_settings(self) -> EstimatorSettings | None:
-        """What the first line was made by; None where there was none."""
+        """Returns the settings by which the first line was made; None where there was none."""
         all_settings = (item.settings for item, _ in self.items() if isinstance(item, Made))
         return next((settings for settings in all_settings if settings is not None), None)
 
     def items(self) -> Iterator[TimedItem]:
-        """Items as one file would have them: what each later part repeats so that it can be read alone is left out, and
-        where a part is missing or damaged there is a Gap, after which its settings are passed on again.
+        """Yields items as one file would have them. What each later part repeats, so that it can be read alone, is left
+        out. Where a part is missing or damaged there is a Gap, after which its settings are passed on again.
         """
         before: BlackBox | None = None
         for box in self.boxes:
@@ -284,7 +287,7 @@ class Series:
 
 
 def _resumed(box: BlackBox) -> Iterator[TimedItem]:
-    """The box without its /begun and the settings that follow it."""
+    """Yields the items of the box without its /begun and the settings that follow it."""
     head = True
     for entry in box.items():
         if head and isinstance(entry.item, Begun | Made):
@@ -295,7 +298,7 @@ def _resumed(box: BlackBox) -> Iterator[TimedItem]:
 
 
 def series_of(boxes: Iterable[BlackBox]) -> list[Series]:
-    """Each session with its parts; doubles of a part, as a kept copy beside the ring, count once."""
+    """Returns each session with its parts; duplicates of a part, such as a kept copy beside the ring, count once."""
     sessions: dict[str, dict[int, BlackBox]] = {}
     for box in boxes:
         sessions.setdefault(box.begun.session, {}).setdefault(box.begun.part, box)

@@ -1,5 +1,5 @@
-"""Messages of a black box and what they mean; docs/black-box.md has them all. Numbers are those of
-appliance.core.exact_fields, so that what was given and said comes back bit for bit; pictures are lossless PNG.
+"""Converts the messages of a black box to items and back; docs/black-box.md describes them all. Numbers are those of
+appliance.core.exact_fields, so that inputs and verdicts come back bit for bit; pictures are lossless PNG.
 """
 
 import base64
@@ -30,24 +30,24 @@ _PNG = [
     cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE,
     cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_SUB,
 ]  # fmt: skip
-"""2.6 ms for a simulated picture of 640 × 480, which comes to 44 % of its bytes; the library's default takes twice as
-long for 49 %, zstd of the bare pixels .6 ms for 62 %."""
+"""Settings of the PNG encoder. They take 2.6 ms for a simulated picture of 640 × 480, which comes to 44 % of its bytes;
+the library's default takes twice as long for 49 %, zstd of the bare pixels 0.6 ms for 62 %.
+"""
 _MOST_NS = 1 << 62
-"""A century and a half: what is computed of it fits 64 bits."""
+"""ns, a century and a half: what is computed from it fits 64 bits."""
 _LEAST_SIDE_PX, _MOST_SIDE_PX = 1, 16_384  # as the drivers take a picture, and as a configuration may name it
 _MOST_PIXELS = 1 << 24
-"""Pixels of one picture: twice the largest screen that scanners have. A damaged size asks for any memory."""
+"""Pixels of one picture: twice the largest screen that scanners have. A damaged size could request any memory."""
 _ROTATION_TOLERANCE = 1e-3
-"""Tolerance of RᵀR. A rotation of a service is orthonormal to rounding; more digits would refuse one that a person
-typed."""
+"""Tolerance of RᵀR. A rotation of a service is orthonormal to rounding; less would refuse one that a person typed."""
 _LEAST_SCALE, _MOST_SCALE = 1e-4, 1e2
-"""mm per px between which every scanner is: from an acoustic microscope to a screen that shows a whole body."""
+"""mm per px, the range of every scanner: from an acoustic microscope to a screen that shows a whole body."""
 
 
 @dataclass(frozen=True, slots=True)
 class Begun:
-    """What a file is of. utc: ISO 8601 at t_ns of CLOCK_MONOTONIC. session: of one recorder from its start to its end;
-    its files are the parts 1, 2, 3 … of one recording. simulated: URLs of sources that are no real device. text:
+    """Describes a file. utc: ISO 8601 at t_ns of CLOCK_MONOTONIC. session: of one recorder from its start to its end;
+    its files are the parts 1, 2, 3 … of one recording. simulated: URLs of sources that are not real devices. text:
     "kept", or "blackened" where what lies outside the sector was made black.
     """
 
@@ -64,15 +64,15 @@ class Begun:
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """What the control socket said: the status as docs/control.md has it."""
+    """Holds the status that the control socket reported, as in docs/control.md."""
 
     status: Mapping[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
 class Made:
-    """A line works by these settings from here on; step: samples that this very line had taken before, 0 for a new one.
-    settings: None while there is no reference, and so no line.
+    """Announces the settings by which a line works from here on. step: samples that this very line had taken before, 0
+    for a new one. settings: None while there is no reference, and so no line.
     """
 
     settings: EstimatorSettings | None
@@ -81,8 +81,9 @@ class Made:
 
 @dataclass(frozen=True, slots=True)
 class Gap:
-    """Something that the line was given, or said, is not in the file from here on: a line that is fed with the rest
-    need not say the same. reason: in words. samples: how many are missing, as far as known.
+    """Announces that something that the line was given, or reported, is missing from here on: a line that is fed with
+    the rest need not give the same verdicts. reason: in words. samples: the number that is missing, as far as it is
+    known.
     """
 
     reason: str
@@ -91,7 +92,7 @@ class Gap:
 
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """kind: "alarm", "start" or "stop" of a stretch that a person wants kept. reason: in words."""
+    """Marks a stretch that a person wants to keep. kind: "alarm", "start" or "stop". reason: in words."""
 
     kind: str
     reason: str
@@ -101,15 +102,13 @@ Item = Begun | Made | Frame | Pose | Verdict | State | Gap | Mark
 
 
 def fields_of(item: Item) -> tuple[str, dict[str, Any]]:
-    """(topic, message)."""
+    """Returns (topic, message)."""
     topic, fields = _WRITTEN[type(item)]
     return topic, fields(item)
 
 
 def item_of(topic: str, fields: Mapping[str, Any]) -> Item | None:
-    """The other way round; None for a topic of a later version. Raises ValueError for a message that is not as
-    documented.
-    """
+    """Returns the item; None for a topic of a later version. Raises ValueError for a message not as documented."""
     read = _READ.get(topic)
     if read is None:
         return None
@@ -148,7 +147,7 @@ def _frame(fields: Mapping[str, Any]) -> Frame:
 
 
 def _png_size(data: np.ndarray[Any, np.dtype[np.uint8]]) -> tuple[int, int]:
-    """(width, height) that the PNG's header says, before memory for so many pixels is asked for."""
+    """Returns (width, height) in the PNG's header, before memory for so many pixels is requested."""
     head = data[16:24].tobytes()
     return int.from_bytes(head[:4], "big"), int.from_bytes(head[4:], "big")
 
@@ -176,7 +175,7 @@ def _read_made(fields: Mapping[str, Any]) -> Made:
 
 
 def _sane(reference: Calibration) -> bool:
-    """Whether a line can be made of it: what settings of the service are by their making, and a file may not be."""
+    """Returns whether a line can be made of the reference: settings of the service ensure that, a file need not."""
     R, scale, sides = reference.rotation, reference.scale_mm_per_px, reference.image_size_px
     numbers = [R, scale, reference.offset_mm, np.eye(1) if reference.covariance is None else reference.covariance]
     return (
@@ -189,7 +188,7 @@ def _sane(reference: Calibration) -> bool:
 
 
 def _own(item: Any) -> dict[str, Any]:
-    """Fields of plain values, under their own names."""
+    """Returns the fields of plain values, under their own names."""
     return {name: [*value] if isinstance(value := getattr(item, name), tuple) else value for name in item.__slots__}
 
 

@@ -1,9 +1,9 @@
-"""Calibrations for other programs: the device set of the PLUS toolkit, and ITK's text transforms, read by 3D Slicer.
+"""Exchanges calibrations with other programs: PLUS toolkit device sets, and ITK's text transforms, read by 3D Slicer.
 
 Both hold ImageToProbe, pixel (column, row, 0, 1) from the corner → mm in the marker body's frame; neither states the
-size of the pictures. A `.tfm` of Slicer holds the way back, from the parent's frame, with x and y turned round: ITK
-maps points of the target to the source, and counts towards the left and the back (LPS) where Slicer counts to the right
-and the front (RAS).
+size of the pictures. A `.tfm` of Slicer holds the inverse, from the parent's frame, with x and y negated: ITK maps
+points of the target to the source, and counts towards the left and the back (LPS) where Slicer counts to the right and
+the front (RAS).
 """
 
 from pathlib import Path
@@ -19,16 +19,16 @@ from probewatch.drivers.files.markup import numbers_of
 from probewatch.drivers.samples import Matrix4
 
 _LPS = np.diag([-1.0, -1.0, 1.0, 1.0])
-"""ITK's axes (left, posterior, superior) from Slicer's (right, anterior, superior), and back."""
+"""Maps Slicer's axes (right, anterior, superior) to ITK's (left, posterior, superior), and back."""
 _MAGIC = ITK_BEGINS.decode()
 _AFFINE = ("AffineTransform_double_3_3", "MatrixOffsetTransformBase_double_3_3")
 """Classes of ITK that hold one linear transform."""
 _MOST_BYTES = 20_000
-"""A linear transform has 500. More is not one, and reading it would take time for nothing."""
+"""Bytes. A linear transform has 500. More is not one, and reading it would waste time."""
 
 
 def device_set_text(calibration: Calibration, probe: str = "Probe") -> str:
-    """A PLUS device set with the one transform Image → `probe`; every number exact."""
+    """Returns a PLUS device set with the one transform Image → `probe`; every number is exact."""
     rows = "\n        ".join(" ".join(repr(float(value)) for value in row) for row in image_to_probe(calibration))
     return (
         '<PlusConfiguration version="2.1">\n  <CoordinateDefinitions>\n'
@@ -38,14 +38,14 @@ def device_set_text(calibration: Calibration, probe: str = "Probe") -> str:
 
 
 def itk_text(calibration: Calibration) -> str:
-    """An ITK text transform; loaded by 3D Slicer its node maps pixels to the marker body's frame."""
+    """Returns an ITK text transform; loaded by 3D Slicer, its node maps pixels to the marker body's frame."""
     back = _LPS @ np.linalg.inv(image_to_probe(calibration)) @ _LPS
     numbers = " ".join(repr(float(value)) for value in [*back[:3, :3].ravel(), *back[:3, 3]])
     return f"{_MAGIC} V1.0\n#Transform 0\nTransform: {_AFFINE[0]}\nParameters: {numbers}\nFixedParameters: 0 0 0\n"
 
 
 def read_itk(path: Path, image_size_px: tuple[int, int], polarity: tuple[int, int] = (1, 1)) -> Calibration:
-    """The calibration in an ITK text transform. image_size_px: (width, height). Raises ConfigurationError."""
+    """Returns the calibration in an ITK text transform. image_size_px: (width, height). Raises ConfigurationError."""
     data = calibration_bytes(path)
     if len(data) > _MOST_BYTES or not data.startswith(_MAGIC.encode()):
         raise ConfigurationError("is not an ITK text transform", str(path), "Save it from 3D Slicer as .tfm")
@@ -54,7 +54,9 @@ def read_itk(path: Path, image_size_px: tuple[int, int], polarity: tuple[int, in
 
 
 def _matrix(text: str, where: str) -> Matrix4:
-    """Raises ConfigurationError unless there is one linear transform of finite numbers that can be turned back."""
+    """Returns ImageToProbe. Raises ConfigurationError unless there is one linear, invertible transform of finite
+    numbers.
+    """
     fields: dict[str, list[str]] = {}
     for line in text.splitlines():
         name, colon, value = line.partition(":")
@@ -67,7 +69,7 @@ def _matrix(text: str, where: str) -> Matrix4:
     back, centre = np.eye(4), _numbers(fields, "FixedParameters", 3, where)
     values = _numbers(fields, "Parameters", 12, where)
     back[:3, :3] = values[:9].reshape(3, 3)
-    # ITK turns about a centre: x → M (x − c) + c + t.
+    # ITK rotates about a centre: x → M (x − c) + c + t.
     back[:3, 3] = values[9:] + centre - back[:3, :3] @ centre
     try:
         matrix = np.linalg.inv(_LPS @ back @ _LPS)

@@ -1,4 +1,4 @@
-"""Calibrations on the disk: our own TOML, and the device-set XML of the PLUS toolkit (read only).
+"""Reads and writes calibrations: our own TOML, and the device-set XML of the PLUS toolkit (read only).
 
 PLUS names a calibration ImageToProbe (`image_to_probe.py`).
 """
@@ -37,15 +37,15 @@ from probewatch.drivers.rigid import nearest_rotation
 FORMAT = "probewatch-calibration"
 VERSION = 1
 _OTHERS = (".xml", ".tfm", ".h5")
-"""Endings under which PLUS and ITK look for formats of their own: TOML under such a name is read by nobody."""
+"""Suffixes under which PLUS and ITK expect formats of their own: nobody reads TOML under such a name."""
 TOML_BEGINS = "# Spatial calibration of a tracked ultrasound probe"
-"""The first words of each file of ours."""
+"""The first words of each of our files."""
 
 _MAX_XML_BYTES = 1_000_000
-"""A device set of PLUS has 10 kB or so."""
+"""Bytes. A device set of PLUS has 10 kB or so."""
 
 _MAX_TOML_BYTES = 16_000
-"""Ours have 2000 or so, and the service, which reads one between two ticks, needs 30 ms for this many."""
+"""Bytes. Our files have 2000 or so, and the service, which reads one between two ticks, needs 30 ms for this many."""
 
 _GIVE = "Give a .toml or a PLUS .xml file"
 
@@ -54,19 +54,19 @@ _PUT_INTO_TOML = (
     "image_to_probe = [[…], […], […], [0, 0, 0, 1]], its rows, px to mm"
 )
 _MOST_MATRIX_BYTES = 2000
-"""Of sixteen numbers as text, which have 25 digits at most. More is something else."""
+"""Bytes of sixteen numbers as text, which have 25 digits at most. More is something else."""
 ITK_BEGINS = b"#Insight Transform File"
 """First bytes of an ITK text transform."""
 
 
 def _number(value: object) -> object:
-    """Raises what pydantic reports for a truth value, which Python takes for 0 or 1, and for text."""
+    """Returns the value. Raises what pydantic reports for text and for a truth value, which Python takes for 0 or 1."""
     if isinstance(value, bool | str):
         raise PydanticCustomError("refused", "must be a number")
     return value
 
 
-# Strict, so that no text or truth value counts as a number: a file that has them was not written as it was meant.
+# Strict, so that no text or truth value counts as a number: a file with such values was not written as intended.
 _Finite = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 _Row3 = tuple[_Finite, _Finite, _Finite]
 _Row4 = tuple[_Finite, _Finite, _Finite, _Finite]
@@ -76,11 +76,11 @@ _Side = Annotated[int, BeforeValidator(_number), Field(ge=16, le=16_384)]
 _Sign = Annotated[Literal[-1, 1], BeforeValidator(_number)]
 _Sigma = Annotated[float, Field(strict=True, ge=0)]
 _Radius = Annotated[_Finite, Field(ge=3, le=200)]
-"""mm: of the smallest endocavitary probes, and nearly flat."""
+"""mm, from the radius of the smallest endocavitary probes to one that is nearly flat."""
 
 
 class _File(BaseModel):
-    """The keys of the TOML file; either image_to_probe or the three parts of X and Λ."""
+    """Holds the keys of the TOML file: either image_to_probe or the three parts of X and Λ."""
 
     model_config = ConfigDict(extra="forbid")
 
@@ -113,11 +113,11 @@ class _File(BaseModel):
 def read_calibration(
     path: Path | str, image_size_px: tuple[int, int] | None = None, probe: str = "Probe"
 ) -> Calibration:
-    """Read our TOML, or the Image → `probe` transform of a PLUS device-set XML.
+    """Reads our TOML, or the Image → `probe` transform of a PLUS device-set XML.
 
     image_size_px: (width, height) of the pictures to watch; XML needs it, TOML must agree with it. probe: the marker
     body, or the whole transform where the picture is not called Image, such as LeftImageToProbe. Raises
-    ConfigurationError naming file, key, fault and remedy; nothing that is not scale · rotation passes.
+    ConfigurationError naming file, key, fault and remedy; nothing that is not scale · rotation is accepted.
     """
     file = Path(path)
     return parse_calibration(calibration_bytes(file), file, image_size_px, probe)
@@ -126,7 +126,7 @@ def read_calibration(
 def parse_calibration(
     data: bytes, path: Path, image_size_px: tuple[int, int] | None = None, probe: str = "Probe"
 ) -> Calibration:
-    """The same of a file's content. path: where it lay, for what is refused."""
+    """Does the same with a file's content. path: where the file was, for the message of a refusal."""
     if not data.strip():
         raise ConfigurationError("is empty", str(path), "Copy it again")
     if is_device_set(data):
@@ -139,12 +139,12 @@ def parse_calibration(
 
 
 def is_device_set(data: bytes) -> bool:
-    """Whether the content is XML, which does not state the size of the pictures, and not our TOML."""
+    """Returns whether the content is XML, which does not state the size of the pictures, and not our TOML."""
     return data.lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<")
 
 
 def provenance_of(data: bytes) -> dict[str, str]:
-    """Returns what a calibration file in TOML states of its origin; empty where it cannot be read. Anybody may have
+    """Returns what a calibration file in TOML states about its origin; empty where it cannot be read. Anybody may have
     written it, so whoever shows it must pass it through `printable`.
     """
     if is_device_set(data):
@@ -157,7 +157,7 @@ def provenance_of(data: bytes) -> dict[str, str]:
 
 
 def calibration_bytes(path: Path) -> bytes:
-    """Content of a calibration file. Never waits for a writer, and opens no device. Raises ConfigurationError."""
+    """Returns the content of a file. Never waits for a writer, and opens no device. Raises ConfigurationError."""
     try:
         return read_bounded(path, _MAX_XML_BYTES)
     except OSError as error:
@@ -194,8 +194,8 @@ def _kind_of(path: Path) -> str:
 
 
 def check_own_name(path: Path | None) -> None:
-    """Raises ConfigurationError for the name of another kind of file: what is written is TOML, which PLUS and 3D
-    Slicer do not read, whatever it is called. None is no file.
+    """Raises ConfigurationError for the name of another kind of file: what is written is TOML, which PLUS and 3D Slicer
+    do not read under any name. None stands for no file.
     """
     if path is not None and path.suffix.lower() in _OTHERS:
         remedy = "Name a .toml; then, for PLUS or 3D Slicer: probewatch calibration export"
@@ -204,10 +204,10 @@ def check_own_name(path: Path | None) -> None:
 
 
 def write_calibration(path: Path, calibration: Calibration, provenance: Mapping[str, str]) -> None:
-    """Write our TOML; the old file stays until the new one is whole and on the disk.
+    """Writes our TOML; the old file stays until the new one is whole and on the disk.
 
-    Of the covariance the standard deviations are kept. provenance: who, when, how, from what; free keys.
-    Raises ConfigurationError where the place cannot be written.
+    Only the standard deviations of the covariance are kept. provenance: who, when, how, from what; free keys. Raises
+    ConfigurationError where the place cannot be written.
     """
     with writing(path) as stream:
         stream.write(_toml(calibration, provenance).encode())
@@ -237,7 +237,7 @@ def _from_toml(data: bytes, path: Path) -> Calibration:
 
 
 def _is_matrix(data: bytes) -> bool:
-    """As MATLAB and NumPy write one."""
+    """Returns whether the content is a matrix as MATLAB and NumPy write one."""
     if len(data) > _MOST_MATRIX_BYTES:
         return False
     words = re.split(r"[\s,;\[\]]+", data.decode("ascii", "replace").strip(" \t\r\n,;[]"))

@@ -1,7 +1,8 @@
-"""What a PLUS device set says of the devices beside its calibration: which part of the picture, and how late each is.
+"""Reads what a PLUS device set states about the devices beside its calibration: the part of the picture, and their
+delays.
 
-The calibration is read by `calibration_file`. What is here is for a person: PLUS does these things itself to what it
-sends over OpenIGTLink, and a cart that reads the devices by its own drivers needs them stated.
+The calibration is read by `calibration_file`. What is here is for a person: PLUS applies these settings itself to what
+it sends over OpenIGTLink, and a cart that reads the devices with its own drivers needs them stated.
 """
 
 from collections.abc import Iterator
@@ -12,19 +13,21 @@ from probewatch.drivers.files.markup import number_of, xml_of
 from probewatch.drivers.printable import printable
 
 _LEAST_OFFSET_S = 0.0005
-"""An offset that is worth a word: half of the last digit of latency_ms as a person gives it. Less is PLUS's 0."""
+"""s, the smallest offset worth a remark: half of latency_ms's last digit as a person gives it. Less is PLUS's 0."""
 _MOST_REMARKS = 8
-"""Remarks on one file: a device set has a handful of devices, and more than a screen is not read."""
+"""Remarks on one file: a device set has a handful of devices, and nobody reads more than a screen."""
 
 
 def clip_px(content: bytes) -> tuple[int, int, int, int] | None:
-    """(left, top, width, height) of the part of the picture that the calibration is of; None unless one is named."""
+    """Returns (left, top, width, height) of the part of the picture that the calibration is of; None unless one is
+    named.
+    """
     named = {clip for node in _devices(content) for clip in _clips(node)}
     return named.pop() if len(named) == 1 else None
 
 
 def remarks(content: bytes, image_size_px: tuple[int, int] | None = None) -> tuple[str, ...]:
-    """Sentences for the person who takes the calibration; empty for a file that is no device set.
+    """Returns sentences for the person who takes the calibration; empty for a file that is no device set.
 
     image_size_px: (width, height) of the pictures, where it is known.
     """

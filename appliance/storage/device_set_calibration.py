@@ -1,4 +1,4 @@
-"""The calibration in a device-set XML of the PLUS toolkit, composed of its transforms."""
+"""Reads the calibration in a device-set XML of the PLUS toolkit by composing its transforms."""
 
 from collections import defaultdict, deque
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ from probewatch.drivers.samples import Matrix4
 _Named = tuple[str, str, str]
 """From, To and Matrix of a transform."""
 _Step = tuple[_Named, bool]
-"""A transform on the way from one frame to another, and whether it is turned round there."""
+"""A transform on the path from one frame to another, and whether it is inverted there."""
 
 
 def device_set_calibration(data: bytes, path: Path, image_size_px: tuple[int, int] | None, probe: str) -> Calibration:
@@ -45,8 +45,8 @@ def device_set_calibration(data: bytes, path: Path, image_size_px: tuple[int, in
 
 
 def _way(transforms: Sequence[_Named], start: str, end: str) -> list[_Step]:
-    """The shortest chain from one frame to the other, as PLUS composes transforms; empty where there is none. A
-    transform is turned round, which PLUS does as well, only where no other way leads there.
+    """Returns the shortest chain from one frame to the other, as PLUS composes transforms; empty where there is none. A
+    transform is inverted, as PLUS does too, only where no other path leads there.
     """
     return _shortest(transforms, start, end, (False,)) or _shortest(transforms, start, end, (False, True))
 
@@ -84,7 +84,7 @@ def _sixteen(text: str, where: str) -> Matrix4:
 
 
 def _xml_transforms(data: bytes, path: Path) -> list[_Named]:
-    """Every Transform."""
+    """Returns every Transform."""
     try:
         root = xml_of(data)
     except NotUtf8Error as error:

@@ -1,7 +1,7 @@
-"""A calibration as the matrix ImageToProbe of PLUS, and back; what is no calibration is refused.
+"""Converts a calibration to the matrix ImageToProbe of PLUS and back; what is no calibration is refused.
 
-ImageToProbe: pixel (column, row, 0, 1) → mm in the frame of the probe's marker body, which is
-X⁻¹ · diag(s_x λ_x, s_y λ_y, 1) · (shift of the origin from the picture's corner to its centre), s the polarity.
+ImageToProbe: pixel (column, row, 0, 1) → mm in the frame of the probe's marker body, which is X⁻¹ · diag(s_x λ_x, s_y
+λ_y, 1) · (shift of the origin from the picture's corner to its centre), s the polarity.
 """
 
 import numpy as np
@@ -11,27 +11,27 @@ from probewatch.drivers.errors import ConfigurationError
 from probewatch.drivers.samples import Matrix4
 
 _UNIT_WITHIN = 1e-6
-"""mm/px from 1 within which both scales were typed, not measured: calibrations keep six digits and more."""
+"""mm/px from 1 within which both scales were typed, not measured: calibrations keep six digits or more."""
 
 _MAX_SKEW = 0.05
-"""Largest cosine between picture axes: freehand PLUS calibrations come to about 0.02."""
+"""Largest cosine between the picture's axes: freehand PLUS calibrations come to about 0.02."""
 
 _LAST_ROW_WITHIN = 1e-6
-"""Tolerance of the last row, 0 0 0 1: what PLUS prints exactly. More takes a matrix in another form for a
-calibration."""
+"""Tolerance of the last row, 0 0 0 1, which PLUS prints exactly. More takes another matrix for a calibration."""
 SCALE_RANGE_MM = (1e-3, 10.0)
-"""mm per px. Pictures of 1 to 30 cm in 200 to 2000 px have .005 to 1.5; metres and micrometres for mm lie outside."""
+"""mm per px. Pictures of 1 to 30 cm in 200 to 2000 px have 0.005 to 1.5; metres and micrometres for mm are outside."""
 
 _LARGEST_MM = 1000.0
-"""Side of a picture: scanners show up to some 300 mm of depth. An inverse of .3 mm/px has 3.2, and makes 640 px 2 m."""
+"""mm, side of a picture: scanners show up to some 300 mm of depth. An inverse of 0.3 mm/px has 3.2: 640 px make 2 m."""
 
 FARTHEST_MM = 2000.0
-"""Of the picture's centre from the marker body, which sits on the probe: public device sets have up to some 150 mm.
-More is in another unit, or of another body; less might refuse a long holder."""
+"""mm from the marker body, which is on the probe, to the picture's centre: public device sets have up to some 150 mm.
+More is in another unit, or of another body; less might refuse a long holder.
+"""
 
 
 def image_to_probe(calibration: Calibration) -> Matrix4:
-    """(4, 4) pixel → mm in the marker body's frame; exact inverse of calibration_from_image_to_probe."""
+    """Returns (4, 4) pixel → mm in the marker body's frame; exact inverse of calibration_from_image_to_probe."""
     R = calibration.rotation
     to_mm = np.diag([*(np.array(calibration.polarity) * calibration.scale_mm_per_px), 1.0])
     matrix = np.eye(4)
@@ -43,10 +43,10 @@ def image_to_probe(calibration: Calibration) -> Matrix4:
 def calibration_from_image_to_probe(
     matrix: Matrix4, image_size_px: tuple[int, int], polarity: tuple[int, int] = (1, 1), where: str = ""
 ) -> Calibration:
-    """Split a PLUS ImageToProbe (4, 4), px → mm, into X, Λ and polarity.
+    """Splits a PLUS ImageToProbe (4, 4), px → mm, into X, Λ and polarity.
 
-    The rows r₁, r₂ of R_x are the unit columns 1 and 2, made orthogonal symmetrically; r₃ = r₁ × r₂. Column 3 serves
-    only to notice a mirrored matrix. Raises ConfigurationError for one that is not scale · rotation.
+    The rows r₁, r₂ of R_x are the unit columns 1 and 2, orthogonalised symmetrically; r₃ = r₁ × r₂. Column 3 serves
+    only to detect a mirrored matrix. Raises ConfigurationError for a matrix that is not scale · rotation.
     """
     matrix = np.asarray(matrix, dtype=np.float64)
     _check_last_row(matrix, where)
@@ -61,10 +61,12 @@ def calibration_from_image_to_probe(
     axes = matrix[:3, :2] / (scale * polarity)
     if abs(axes[:, 0] @ axes[:, 1]) > _MAX_SKEW:
         raise _no_calibration(f"is sheared: the cosine of its picture axes is {axes[:, 0] @ axes[:, 1]:.3f}", where)
+    # u · vᵀ is the orthonormal pair nearest to both axes.
     u, _, vt = np.linalg.svd(axes, full_matrices=False)
     r1, r2 = (u @ vt).T
     R = np.stack([r1, r2, np.cross(r1, r2)])
     _check_third_column(matrix[:3, 2], R[2], where)
+    # X maps the picture's centre to 0, so its translation is −R · (centre in the marker body's frame).
     offset_mm = -R @ (matrix[:3, :3] @ _centre_px(image_size_px) + matrix[:3, 3])
     if (far_mm := float(np.linalg.norm(offset_mm))) > FARTHEST_MM:
         what = f"puts the picture {far_mm / 1000:.3g} m from the marker body"
@@ -87,7 +89,7 @@ def _is_of_pictures(scale: Vector) -> bool:
 
 
 def _how_scaled(scale: Vector) -> str:
-    """What to do about scales that are none of a picture in mm, where another unit explains them; else empty."""
+    """Returns the remedy for scales that no picture in mm has, where another unit explains them; else empty."""
     if _is_of_pictures(scale * 1000):
         return "Is it in metres? Multiply its upper three rows by 1000"
     if scale.min() > SCALE_RANGE_MM[1] and _is_of_pictures(1 / scale):
@@ -98,8 +100,8 @@ def _how_scaled(scale: Vector) -> str:
 
 
 def check_measured(scale: Vector, where: str) -> None:
-    """Refuses a placeholder: PLUS and 3D Slicer put the identity, or a rotation of unit scale, where no calibration was
-    made yet.
+    """Raises ConfigurationError for a placeholder: PLUS and 3D Slicer write the identity, or a rotation of unit scale,
+    where no calibration has been made yet.
     """
     if np.abs(scale - 1).max() < _UNIT_WITHIN:
         what = "ImageToProbe has scales of exactly 1 mm/px: the placeholder of a probe that was never calibrated"
@@ -107,7 +109,7 @@ def check_measured(scale: Vector, where: str) -> None:
 
 
 def _check_third_column(column: Vector, normal: Vector, where: str) -> None:
-    """A missing column is allowed; one that points against the normal, or far from it, is not."""
+    """Refuses a third column that points against the normal, or far from it; a missing column is allowed."""
     length = np.linalg.norm(column)
     if length < 1e-9:
         return

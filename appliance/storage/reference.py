@@ -1,4 +1,4 @@
-"""A calibration with the file it came from: what may become the reference, and what is in force."""
+"""Represents a calibration together with the file it came from: as a candidate for the reference, and in force."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,9 +17,10 @@ Size = tuple[int, int]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Candidate:
-    """A calibration that may become the reference.
+    """Represents a calibration that may become the reference.
 
-    content: of its file, sha256: of the content. file: where it lay. probe: whose transform of a device set it is.
+    content: that of its file, sha256: of the content. file: where it was. probe: names the transform of a device set
+    that was taken.
     """
 
     calibration: Calibration
@@ -31,7 +32,7 @@ class Candidate:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reference:
-    """The candidate that is in force, and what the history says of it."""
+    """Represents the candidate that is in force, with its entry in the history."""
 
     entry: Entry
     candidate: Candidate
@@ -42,25 +43,26 @@ class Reference:
 
     @property
     def relative_pose(self) -> Matrix4 | None:
-        """See `appliance.core.estimator_settings.EstimatorSettings`; as it was kept."""
+        """Returns the pose as it was kept; see `appliance.core.estimator_settings.EstimatorSettings`."""
         return None if self.entry.relative_pose is None else np.array(self.entry.relative_pose).reshape(4, 4)
 
 
 def candidate_from_content(content: bytes, file: str, size_px: Size | None, probe: str) -> Candidate:
-    """size_px: (width, height) of the pictures, which a device set needs and our TOML must agree with where the
-    configuration states it. Raises ConfigurationError.
+    """Returns the candidate in a file's content. size_px: (width, height) of the pictures, which a device set needs and
+    our TOML must agree with where the configuration states it. Raises ConfigurationError.
     """
     calibration = parse_calibration(content, Path(file), size_px, probe)
     return Candidate(calibration, content, sha256_of(content), file, probe)
 
 
 def candidate_of_entry(folder: Path, entry: Entry) -> Candidate:
-    """An earlier reference again, as it was. folder: of the alarm log. Raises ConfigurationError."""
+    """Returns an earlier reference as it was. folder: of the alarm log. Raises ConfigurationError."""
     return candidate_from_content(content_of(folder, entry), entry.file, entry.image_size_px, entry.probe)
 
 
 def size_for(content: bytes, place: CalibrationPlace, seen_px: Size | None) -> Size | None:
-    """(width, height) for reading the content: the configuration's, else, for a device set, that of the pictures seen.
+    """Returns (width, height) for reading the content: that of the configuration, else, for a device set, that of the
+    pictures seen.
 
     Our TOML states its own; pictures of another size are then a fault of the picture, not of the file.
     """
@@ -68,8 +70,8 @@ def size_for(content: bytes, place: CalibrationPlace, seen_px: Size | None) -> S
 
 
 def in_force(config: Config, seen_px: Size | None = None) -> Candidate:
-    """The reference that the service of this configuration goes on with, as on its disk. seen_px: size of the
-    pictures, where they are at hand. Raises ConfigurationError.
+    """Returns the reference that the service of this configuration continues with, as on its disk. seen_px: size of the
+    pictures, where they are available. Raises ConfigurationError.
     """
     history = read_history(config.alarm.folder)
     if history is not None and history.in_force is not None:

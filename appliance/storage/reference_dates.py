@@ -1,11 +1,11 @@
-"""The dates until which a reference holds: the days that its file states, and the configuration's. Pure: the time is an
-argument.
+"""Computes the dates until which a reference holds: those that its file states, and the configuration's. Pure: the time
+is an argument.
 
 Days are of UTC and count whole: a calibration that is due on the first of May is overdue from the second on. The wall
-clock is believed as it stands, whichever way it was stepped, with one exception: one that is a day and more before the
-reference came in force is wrong, and then every date counts as passed. So does a date that cannot be read.
+clock is trusted as it is, whichever way it was stepped, with one exception: a clock that is a day or more before the
+reference came into force is wrong, and then every date counts as passed. So does a date that cannot be read.
 
-The configuration's days count from the day on which a file first came in force. Going back to it, or using it again,
+The configuration's days count from the day on which a file first came into force. Going back to it, or using it again,
 checks nothing about it and renews nothing; a new scan makes another file.
 """
 
@@ -18,15 +18,15 @@ from probewatch.appliance.storage.calibration_file import provenance_of
 from probewatch.appliance.storage.reference_store import Entry
 
 _CLOCK_WITHIN = timedelta(days=1)
-"""By which a clock that was put right may go back behind the day of the reference. More lets a wrong clock hide a date
-for longer; less takes a corrected one for wrong.
+"""The time by which a corrected clock may be before the day of the reference. More lets a wrong clock hide a date for
+longer; less takes a corrected clock for a wrong one.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class Dates:
-    """due, expires: from when on it is; None: never. damage: a date that cannot be read, in words. since: in force.
-    first_use: of its file, where due is counted from it.
+    """Holds the dates of a reference. due, expires: from when on it is; None: never. damage: a date that cannot be
+    read, in words. since: when it came into force. first_use: that of its file, where due counts from it.
     """
 
     due: datetime | None = None
@@ -37,7 +37,7 @@ class Dates:
 
     @property
     def due_utc(self) -> str | None:
-        """ISO 8601, for the status."""
+        """Returns the due date in ISO 8601, for the status."""
         return None if self.due is None else self.due.isoformat(timespec="seconds")
 
     @property
@@ -45,7 +45,7 @@ class Dates:
         return None if self.expires is None else self.expires.isoformat(timespec="seconds")
 
     def overdue(self, now: datetime) -> str:
-        """Which date has passed, in words; empty while none has."""
+        """Returns which date has passed, in words; empty while none has."""
         if self.damage:
             return self.damage
         passed = self._wrong_clock(now)
@@ -56,14 +56,14 @@ class Dates:
         return passed
 
     def expired(self, now: datetime) -> str:
-        """The same for the day on which it ends: when it expires, or is due where it does not say when it expires."""
+        """Returns how the reference has ended: when it expires, or is due if no expiry is stated; empty until then."""
         ends = self.due if self.expires is None else self.expires
         return self.overdue(now) if self.damage or self._wrong_clock(now) or (ends and now >= ends) else ""
 
     @property
     def _counted(self) -> str:
-        """Names the day that the due date is counted from, and the remedy if the clock was wrong then: to use the same
-        file again does not help.
+        """Returns from which day the due date counts, and the remedy if the clock was wrong then: to use the same file
+        again does not help.
         """
         if self.first_use is None:
             return ""
@@ -78,8 +78,8 @@ class Dates:
 
 def dates_of(entry: Entry, history: Iterable[Entry], content: bytes, due_days: int | None) -> Dates:
     """Returns when the reference is due and expires. history: all references, in which the same file may have been in
-    force before. content: of the reference's file. due_days: of the configuration. The earlier of both dates is when it
-    is due.
+    force before. content: of the reference's file. due_days: of the configuration. It is due on the earlier of the two
+    dates.
     """
     stated = stated_dates(content)
     try:
@@ -96,7 +96,7 @@ def dates_of(entry: Entry, history: Iterable[Entry], content: bytes, due_days: i
 
 
 def stated_dates(content: bytes) -> Dates:
-    """Returns when a file of this content is due and expires by itself, wherever it is in force."""
+    """Returns when a file of this content is due and expires by its own statement, wherever it is in force."""
     stated = provenance_of(content)
     ends: dict[str, datetime | None] = {}
     damages = []
@@ -110,8 +110,8 @@ def stated_dates(content: bytes) -> Dates:
 
 
 def _first_use(entry: Entry, history: Iterable[Entry], since: datetime) -> datetime:
-    """When the file of the entry first came in force. The earliest, not the first in the list: that may have come while
-    the clock was ahead. A time that cannot be read is skipped.
+    """Returns when the file of the entry first came into force: the earliest time, not the first in the list, which may
+    have come while the clock was ahead. A time that cannot be read is skipped.
     """
     known = [since]
     for one in history:
@@ -122,7 +122,7 @@ def _first_use(entry: Entry, history: Iterable[Entry], since: datetime) -> datet
 
 
 def _end_of(day: str) -> datetime:
-    """Midnight after it."""
+    """Returns the midnight after the day."""
     return datetime.combine(date.fromisoformat(day) + timedelta(days=1), datetime.min.time(), UTC)
 
 

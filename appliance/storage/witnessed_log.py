@@ -1,9 +1,9 @@
-"""The alarm log, checked against the references that were in force: each is named by an entry.
+"""Checks the alarm log against the references that were in force: each must be named by an entry.
 
-The chain and its memory lie side by side, so a hand that deletes both, or puts an older copy of both back, leaves
+The chain and its memory are stored side by side, so a hand that deletes both, or restores an older copy of both, leaves
 nothing that contradicts itself, and what was latched is forgotten. The store of references is written by another
-thread, into another folder, and bears witness to what the log must say. Where both are gone, or none came in force
-since the copy, nothing shows (docs/known-anomalies.md).
+thread, into another folder, and is a witness to what the log must contain. Where both are gone, or no reference came
+into force since the copy, nothing is detected (docs/known-anomalies.md).
 """
 
 from collections.abc import Sequence
@@ -23,9 +23,8 @@ Named = tuple[int, str]
 
 
 def read_witnessed_log(folder: Path) -> Reading:
-    """Reads and verifies everything in the folder, the references included. The store is read first: what it holds has
-    been logged by then. A store that cannot be read tells nothing here; the service does not start on it. Raises
-    OSError.
+    """Reads and verifies everything in the folder, including the references. The store is read first: what it holds has
+    been logged by then. A store that cannot be read is ignored here; the service does not start on it. Raises OSError.
     """
     try:
         history = read_history(folder)
@@ -42,7 +41,7 @@ def read_witnessed_log(folder: Path) -> Reading:
 
 
 def named_reference(entry: Entry) -> Named | None:
-    """Returns the reference that the entry brings in force; None for other entries."""
+    """Returns the reference that the entry brings into force; None for other entries."""
     said = entry.data.get("reference") if entry.event in (Event.STARTED, Event.REFERENCE) else None
     if not isinstance(said, dict) or not isinstance(said.get("sha256"), str) or not isinstance(said.get("number"), int):
         return None
@@ -50,11 +49,12 @@ def named_reference(entry: Entry) -> Named | None:
 
 
 def _missing(entries: Sequence[Entry], stored: Sequence[Stored]) -> int | None:
-    """Number of the last reference that an entry should name and none does; None where all are named.
+    """Returns the number of the last reference that an entry should name and none does; None where all are named.
 
-    Only the present chain counts: what was missing before it began was told then. It need not name what came in force
-    before the first one it names, for its oldest entries may be forgotten. The last reference may come to the disk
-    before its entry, so a power cut explains that it is missing; until motion has verified it no contact closes on it.
+    Only the present chain counts: what was missing before it began was reported then. It need not name references from
+    before the first one it names, because its oldest entries may have been removed. The last reference may reach the
+    disk before its entry, so a power cut explains that it is missing; until motion has verified it no contact closes on
+    it.
     """
     chain = _present_chain(entries)
     named = {one for entry in chain if (one := named_reference(entry)) is not None}
@@ -77,8 +77,8 @@ def _present_chain(entries: Sequence[Entry]) -> Sequence[Entry]:
 
 
 def _is_of_new_log(chain: Sequence[Entry]) -> bool:
-    """Whether it begins with the first start of a cart, by a version that names references. A log that was taken away
-    from a running service begins with what happened then.
+    """Returns whether the chain begins with the first start of a cart, by a version that names references. A log that
+    was removed from under a running service begins with the events of that time.
     """
     begun = chain[0]
     is_first = begun.event == Event.CHAIN_BEGUN and begun.number == 1 and not begun.data.get("found")

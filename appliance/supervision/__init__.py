@@ -1,1 +1,1 @@
-"""What makes of verdicts what the room sees: the state machine, its memory, and the alarm table. Pure."""
+"""Turns verdicts into what the room sees: the state machine, its memory, and the alarm table. Pure."""

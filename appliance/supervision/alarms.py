@@ -1,4 +1,4 @@
-"""The alarm table: what each state looks and sounds like, and what the operator reads beside it.
+"""Defines the alarm table: what each state looks and sounds like, and what the operator reads beside it.
 
 In the style of IEC 60601-1-8: high priority red, flashing at 1.4 … 2.8 Hz, bursts of 5 + 5 pulses; medium yellow, 0.4 …
 0.8 Hz, 3 pulses; low cyan, steady, 1 pulse. Texts are English; appliance.supervision.languages translates them.
@@ -12,11 +12,11 @@ from probewatch.appliance.supervision.languages import translated
 from probewatch.appliance.types import Fault, State
 
 DISPLAY_COLUMNS = 76
-"""The narrowest display: a framed line of a terminal with 80 columns, one for what is wrong and one for what to do."""
+"""Columns of the narrowest display, a terminal of 80 with a frame: one line for what is wrong, one for what to do."""
 
 
 class Priority(Enum):
-    """How soon a person must act."""
+    """Ranks how soon a person must act."""
 
     HIGH = "high"
     MEDIUM = "medium"
@@ -25,7 +25,7 @@ class Priority(Enum):
 
 
 class Lamp(Enum):
-    """The one colour that shows; each means one thing everywhere."""
+    """Names the one colour that is shown; each means the same everywhere."""
 
     GREEN = "green"
     CYAN = "cyan"
@@ -35,7 +35,10 @@ class Lamp(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Signal:
-    """One state. flash_hz 0 is steady; pulses: tone pulses in a burst, 0 is silence. technical: not about the probe."""
+    """Describes the signal of one state.
+
+    flash_hz: 0 is steady. pulses: tone pulses in a burst, 0 is silence. technical: not about the probe.
+    """
 
     priority: Priority
     technical: bool
@@ -76,37 +79,37 @@ SIGNALS = {
     State.DEVICE_LOST: _high(True, "Device lost: not watching", "Reconnect it; monitoring resumes by itself"),
     State.INTERNAL_FAULT: _high(True, "Internal fault: not watching", "Wait for it to restart, else restart the cart"),
 }
-"""Flashes in Hz and pulses of a burst in the ranges of IEC 60601-1-8 that are named above."""
+"""Signal of each state, with flashes in Hz and pulses of a burst in the ranges of IEC 60601-1-8 named above."""
 
 HAZARDS = {fault: row for fault, row in FAULT_ROWS.items() if row.text}
-"""What may be wrong."""
+"""Hazards: the faults that have a text for the operator."""
 SILENCES = frozenset(fault for fault, row in FAULT_ROWS.items() if row.overload)
 """Hazards that a computer short of time shows as well as a device that is gone."""
 _EXPLAINED = (State.WAITING, State.NOT_VERIFIED, State.WARNING, State.DEVICE_LOST, State.INTERNAL_FAULT)
-"""States that silence alone can lead to."""
+"""States to which silence alone can lead."""
 
 EARLIER, PARTLY_EARLIER = "by earlier motion", "in part by earlier motion"
-"""What a calibration that is verified rests on, where the present motion does not show all of it."""
+"""What a verified calibration rests on, where the present motion does not show all of it."""
 OUTDATED = "the last verification is too old; move the probe over tissue"
 BEHIND = "the times of picture or pose fall behind; check scanner, tracker and their server"
 DISTURBED = "verified only before a disturbance; move the probe over tissue"
-"""Why a calibration that the line has called verified does not count as verified."""
+"""Reasons why a calibration that the line has called verified does not count as verified."""
 
 NO_CALIBRATION = "Scan it: 'recalibrate --live --solve all'; or 'calibration use FILE'"
 EXPIRED_CALIBRATION = "Calibration has expired: 'probewatch recalibrate --live'"
-"""What to do where no motion can verify anything."""
+"""Remedies where no motion can verify anything."""
 
 CHECK_BUMPED = "Check the tracker's position sensor; then 'probewatch ack --bump'"
-"""Remedy for a bumped tracker. Until it is acknowledged every pose is a fault, and no motion verifies anything."""
+"""Remedy for a bumped tracker. Until the bump is acknowledged, every pose is a fault and motion verifies nothing."""
 
 NOT_NOW = "not possible while"
-"""Before the state in which what was asked is not granted."""
+"""Precedes the state in which a request is not granted."""
 ACKNOWLEDGED = "acknowledged, waiting until the calibration is verified again"
 
 
 def operator_text(state: State, fault: Fault | None, language: str = "en", overloaded: bool = False) -> tuple[str, str]:
-    """(text, remedy) for the operator: the state's own, sharpened by the hazard where one is named; by the overload
-    where a computer short of time explains it.
+    """Returns (text, remedy) for the operator: those of the state, made specific by the hazard where one is named, or
+    by the overload where a computer short of time explains the state.
     """
     signal = SIGNALS[state]
     text = translated(signal.text, language)

@@ -1,7 +1,7 @@
-"""What each output shows at one moment: contact, lamps and tone, from the alarm table. Pure.
+"""Computes what each output shows at one moment, contact, lamps and tone, from the alarm table. Pure.
 
-Energised is safe for every role: a lamp or sounder other than the green lamp hangs on the normally closed contact, so
-it is dark or silent only while it is driven; a dead cart lights red, yellow and cyan, sounds, and opens the contact.
+Energised is safe for every role: a lamp or sounder other than the green lamp is wired to the normally closed contact,
+so it is dark or silent only while it is driven; a dead cart lights red, yellow and cyan, sounds, and opens the contact.
 """
 
 from dataclasses import dataclass
@@ -12,13 +12,13 @@ from probewatch.appliance.supervision.audio import Audio, Sound
 from probewatch.appliance.types import AlarmState
 
 LAMP_TEST_NS = 5_000_000_000
-"""Time for one person to look at every lamp and to hear the longest burst, 3.25 s, to its end."""
+"""ns, the time for one person to look at every lamp and to hear the longest burst, 3.25 s, to its end."""
 _MS = 1_000_000
-"""In ns."""
+"""ns in a millisecond."""
 
 
 class Role(Enum):
-    """What an output is for; the value is written in the configuration."""
+    """Names what an output is for; the value is written in the configuration."""
 
     CONTACT = "contact"
     GREEN = "green"
@@ -33,7 +33,7 @@ _LAMPS = {Role.GREEN: Lamp.GREEN, Role.CYAN: Lamp.CYAN, Role.YELLOW: Lamp.YELLOW
 
 @dataclass(frozen=True, slots=True)
 class Burst:
-    """Pulses that sound at offsets_ms for pulse_ms; the burst comes again every period_ms, 0 is once."""
+    """Describes pulses that start at offsets_ms and last pulse_ms. The burst repeats every period_ms; 0 is once."""
 
     offsets_ms: tuple[int, ...]
     pulse_ms: int
@@ -45,11 +45,11 @@ BURSTS = {
     3: Burst((0, 400, 800), 200, 15_000),
     1: Burst((0,), 200, 0),
 }
-"""By the number of pulses of the alarm table: high, medium, low."""
+"""Bursts by the number of pulses in the alarm table: high, medium, low."""
 
 
 class Annunciator:
-    """One step a tick; a lamp test shows every lamp and sounds the tone, and leaves the contact alone."""
+    """Computes one step a tick. A lamp test lights every lamp and sounds the tone, and leaves the contact alone."""
 
     def __init__(self) -> None:
         self.audio = Audio()
@@ -57,15 +57,15 @@ class Annunciator:
         self.sound: Sound | None = None
 
     def test_lamps(self, now_ns: int) -> None:
-        """Light everything for LAMP_TEST_NS."""
+        """Lights everything for LAMP_TEST_NS."""
         self._test_until_ns = now_ns + LAMP_TEST_NS
 
     def testing(self, now_ns: int) -> bool:
-        """Whether a lamp test is running."""
+        """Returns whether a lamp test is running."""
         return self._test_until_ns is not None and now_ns < self._test_until_ns
 
     def step(self, now_ns: int, alarm: AlarmState) -> dict[Role, bool]:
-        """Whether the output of each role is energised at now_ns (host clock, ns)."""
+        """Returns whether the output of each role is energised at now_ns (host clock, ns)."""
         self.sound = self.audio.step(now_ns, alarm)
         testing = self.testing(now_ns)
         lit = {role: testing or _lit(lamp, now_ns, alarm) for role, lamp in _LAMPS.items()}
@@ -75,7 +75,7 @@ class Annunciator:
 
 
 def _lit(lamp: Lamp, now_ns: int, alarm: AlarmState) -> bool:
-    """A flashing lamp begins lit when its state begins."""
+    """Returns whether the lamp is lit. A flashing lamp starts lit when its state begins."""
     signal = SIGNALS[alarm.state]
     if signal.lamp is not lamp:
         return False

@@ -1,7 +1,7 @@
-"""Whether the alarm may sound: on, paused for a time, acknowledged, or switched off for a stated reason. Pure.
+"""Decides whether the alarm may sound: on, paused for a time, acknowledged, or switched off for a stated reason. Pure.
 
 In the style of IEC 60601-1-8: a pause ends by itself after at most 120 s; an acknowledged alarm is silent until another
-one comes; an alarm switched off or acknowledged, or paused again and again, reminds of itself.
+one comes; an alarm that is switched off, acknowledged, or paused again and again sounds reminders.
 """
 
 from dataclasses import dataclass
@@ -12,16 +12,17 @@ from probewatch.appliance.supervision.faults import FAULT_ROWS
 from probewatch.appliance.types import AlarmState, Fault, State
 
 LONGEST_PAUSE_NS = 120_000_000_000
-"""Longer, a room would forget that it silenced the alarm; shorter, it would switch the sound off instead."""
-_SHORTEST_REASON = 3
-"""Characters. A single key is no reason; a whole sentence would be asked of somebody beside an alarm."""
-REMINDER_NS = 60_000_000_000
-"""Between two reminders that the sound is off: more lets it be forgotten, less is the nuisance that was switched off.
+"""ns, the longest pause. With a longer one, a room would forget that it silenced the alarm; with a shorter one, it
+would switch the sound off instead.
 """
+_SHORTEST_REASON = 3
+"""Characters of a reason. A single key is no reason; a whole sentence is too much for somebody beside an alarm."""
+REMINDER_NS = 60_000_000_000
+"""ns between two reminders that the sound is off: more lets it be forgotten, less is the nuisance that was silenced."""
 
 
 class AudioMode(Enum):
-    """What a person has done about the sound."""
+    """Names what a person has done about the sound."""
 
     ON = "on"
     PAUSED = "paused"
@@ -31,7 +32,8 @@ class AudioMode(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Sound:
-    """One step of the audio. pulses: of the burst now due, 0 is silence; since_ns: when that burst pattern began.
+    """Represents one step of the audio. pulses: of the burst that is due, 0 is silence; since_ns: when that burst
+    pattern began.
 
     until_ns: end of the pause, None unless paused. off_reason: empty unless off.
     """
@@ -44,7 +46,7 @@ class Sound:
 
 
 class Audio:
-    """Remembers what was asked; time is an argument, ns of the host clock."""
+    """Keeps what was requested; time is an argument, ns of the host clock."""
 
     def __init__(self) -> None:
         self._paused_until_ns: int | None = None
@@ -53,8 +55,8 @@ class Audio:
         self._silent_since_ns: int | None = None
 
     def pause(self, now_ns: int, duration_ns: int) -> None:
-        """Raises ValueError outside 0 … LONGEST_PAUSE_NS. One that follows another within REMINDER_NS goes on with it,
-        so that pauses in a row are not silent for longer than one.
+        """Pauses the sound. Raises ValueError outside 0 … LONGEST_PAUSE_NS. A pause that follows another within
+        REMINDER_NS continues it, so that pauses in a row are not silent for longer than one.
         """
         if not 0 < duration_ns <= LONGEST_PAUSE_NS:
             raise ValueError(f"an audio pause lasts from 1 to {LONGEST_PAUSE_NS // 1_000_000_000} s")
@@ -63,7 +65,7 @@ class Audio:
         self._paused_until_ns = self._pause_ends_ns = now_ns + duration_ns
 
     def off(self, reason: str) -> None:
-        """Raises ValueError without a reason."""
+        """Switches the sound off. Raises ValueError without a reason."""
         if len(reason.strip()) < _SHORTEST_REASON:
             least = f"of at least {_SHORTEST_REASON} characters"
             raise ValueError(f"the alarm sound is switched off only with a reason {least}, which the alarm log keeps")
@@ -71,15 +73,15 @@ class Audio:
 
     @property
     def silenced(self) -> bool:
-        """A pause or an audio-off is in force."""
+        """Returns whether a pause or an audio-off is in force."""
         return self._paused_until_ns is not None or bool(self._off_reason)
 
     def on(self) -> None:
-        """End a pause or an audio-off."""
+        """Ends a pause or an audio-off."""
         self._paused_until_ns, self._off_reason = None, ""
 
     def step(self, now_ns: int, alarm: AlarmState) -> Sound:
-        """What sounds now."""
+        """Returns what sounds now."""
         if self._paused_until_ns is not None and now_ns >= self._paused_until_ns:
             self._paused_until_ns = None
         mode = self._mode(alarm)
@@ -101,7 +103,7 @@ class Audio:
         return AudioMode.ACKNOWLEDGED if alarm.acknowledged else AudioMode.ON
 
     def _reminding(self, now_ns: int, mode: AudioMode, alarm: AlarmState) -> Sound:
-        """One pulse every REMINDER_NS, while something of high or medium priority stands."""
+        """Returns one pulse every REMINDER_NS while an alarm of high or medium priority is active."""
         assert self._silent_since_ns is not None
         quiet_ns = now_ns - self._silent_since_ns
         due = SIGNALS[alarm.state].priority in (Priority.HIGH, Priority.MEDIUM) and quiet_ns >= REMINDER_NS
@@ -111,7 +113,7 @@ class Audio:
 
 
 def pulses(state: State, fault: Fault | None) -> int:
-    """Of a burst of the tone in this state, for this hazard; 0 is silence."""
+    """Returns the pulses of a burst of the tone in this state, for this hazard; 0 is silence."""
     row = None if fault is None else FAULT_ROWS[fault].policy
     quiet = row is not None and row.silent and row.step_to(state) is not None
     return 0 if quiet else SIGNALS[state].pulses

@@ -1,4 +1,4 @@
-"""What the hardware process knows of its devices at one tick, and how long each of them may be silent."""
+"""Describes what the hardware process knows about its devices at one tick, and how long each may be silent."""
 
 from dataclasses import dataclass
 
@@ -9,10 +9,10 @@ from probewatch.drivers.samples import MarkerBody, PoseStatus
 
 @dataclass(frozen=True, slots=True)
 class Replies:
-    """What a tracker's replies have reported up to now; times ns, None where there was none.
+    """Holds what a tracker's replies have reported so far; times in ns, None where there was none.
 
     reply_ns: last one in which the probe's tool was not DISABLED, whatever it saw. fresh_ns: last one that was neither
-    STALE nor FAULT. pose_ns: last with a pose. status: of the last one.
+    STALE nor FAULT. pose_ns: last one with a pose. status: that of the last one.
     """
 
     reply_ns: int | None = None
@@ -21,7 +21,7 @@ class Replies:
     status: PoseStatus | None = None
 
     def noted(self, status: PoseStatus, at_ns: int) -> "Replies":
-        """The replies with one of that status at at_ns."""
+        """Returns the replies with one of that status at at_ns added."""
         return Replies(
             reply_ns=self.reply_ns if status is PoseStatus.DISABLED else at_ns,
             fresh_ns=self.fresh_ns if status in (PoseStatus.STALE, PoseStatus.FAULT) else at_ns,
@@ -32,14 +32,14 @@ class Replies:
 
 @dataclass(frozen=True, slots=True)
 class DeviceHealth:
-    """State of the devices at one tick. Arrival times in ns of the host clock; None where there was none since the
-    start.
+    """Holds the state of the devices at one tick. Arrival times are ns of the host clock; None where there was none
+    since the start.
 
     replies: of the tracker. heartbeat_ns: last report of the present estimator process. output_ns: last write of the
     output that lags most. damage: hazard classes of the alarm log that no person has acknowledged. log_waits_ns: age of
     its oldest entry that is not on the disk yet. calibration_file_changed: the configured file is neither in force nor
     decided about. calibration_overdue: a date of the reference in force has passed. body: how well the tracker
-    measures, the middle of the last second; None for one that does not say.
+    measures, median of the last second; None for a tracker that does not report it.
     """
 
     started_ns: int
@@ -56,7 +56,7 @@ class DeviceHealth:
 
 @dataclass(frozen=True, slots=True)
 class Timeouts:
-    """How long each silence is tolerated, ns."""
+    """Holds how long each silence is tolerated, ns."""
 
     video_ns: int = 500_000_000
     tracker_ns: int = 500_000_000
@@ -68,6 +68,6 @@ class Timeouts:
 
 
 def silence(name: str, fault: Fault, age_ns: int, limit_ns: int, failed: VerdictKind = VerdictKind.FAULT) -> Check:
-    """Check on an age in ms: `failed` beyond the limit, OK up to it."""
+    """Returns the check of an age in ms: `failed` beyond the limit, OK up to it."""
     verdict = failed if age_ns > limit_ns else VerdictKind.OK
     return Check(name, fault, age_ns / 1e6, 0.0, "ms", limit_ns / 1e6, verdict)

@@ -1,5 +1,5 @@
-"""A fault is one row: what it leads to, what the operator reads and does in each language, the names of its checks, its
-device, and the keys of its limits. Supervisor, languages, page, metrics and docs/alarms.md are made of it. Pure.
+"""Defines each fault in one row: what it leads to, what the operator reads and does in each language, its checks,
+device, and keys of its limits. Supervisor, languages, page, metrics and docs/alarms.md are built from the rows. Pure.
 
 Its member of `Fault` gives its word and kind, as the line knows no texts; detectors declare which faults they report.
 """
@@ -374,10 +374,10 @@ FAULT_ROWS: Mapping[Fault, FaultRow] = {
         place=2,
     ),
 }
-"""In the order of the pages. AGREEMENT has no text: it is a fact beside the others, and its check never fails."""
+"""Rows in the order of the pages. AGREEMENT has no text: it is a fact beside the others, and its check never fails."""
 
 
 def of_device(device: Device) -> tuple[Fault, ...]:
-    """Its faults, the worst first: what hides the others."""
+    """Returns the device's faults, the worst first: the one that hides the others."""
     faults = [fault for fault, row in FAULT_ROWS.items() if row.device is device]
     return tuple(sorted(faults, key=lambda fault: FAULT_ROWS[fault].place))

@@ -1,8 +1,8 @@
-"""The operator's texts in other languages: one table a language, from the English text. English needs none. What faults
-and their checks are called stands in their rows (`appliance.supervision.faults`), all else here.
+"""Translates the operator's texts: one table a language, from the English text. English needs none. The names of faults
+and their checks are in their rows (`appliance.supervision.faults`), everything else is here.
 
-A text that is put together while the service runs is translated clause by clause, and stays English as a whole where
-one of them is unknown: half a sentence in each language is worse than either.
+A text that is composed while the service runs is translated clause by clause, and stays English as a whole where one of
+its clauses is unknown: half a sentence in each language is worse than either.
 """
 
 import re
@@ -193,21 +193,21 @@ LANGUAGES = {"en": {}, "de": GERMAN}
 
 
 def translated(text: str, language: str) -> str:
-    """The text in one of LANGUAGES. Raises KeyError for one that has no translation."""
+    """Returns the text in one of LANGUAGES. Raises KeyError for a text that has no translation."""
     return text if language == "en" else LANGUAGES[language][text]
 
 
 _FIELDS = {"name": ".+?", "names": ".+", "unit": ".*?", "motions": ".+", "said": ".+?", "text": ".+?", "what": ".+?"}
 """Regular expressions of the fields of a template; every other field is a number."""
 _LISTS = {"name": ", ", "names": ", ", "motions": " + "}
-"""Fields whose parts are texts of the table, and what stands between them."""
+"""Fields whose parts are texts of the table, and the separator between the parts."""
 _NUMBER = r"[-+]?\d\S*"
 _FORMAT = re.compile(r"(?<={)(\w+):[^{}]*(?=})")
-"""The field of a template with a number's format, which a text that is recognised has been through already."""
+"""Matches a field of a template that has a number's format; a text that is recognised has already been formatted."""
 
 
 def _pattern(template: str) -> re.Pattern[str]:
-    """Matches what the template without formats becomes; a field that comes twice is the same both times."""
+    """Returns a pattern for the template as filled in; a field that occurs twice is the same both times."""
     seen: set[str] = set()
 
     def group(field: re.Match[str]) -> str:
@@ -221,14 +221,14 @@ def _pattern(template: str) -> re.Pattern[str]:
 
 
 class Texts:
-    """A table of texts of one language, from the English text or its template, with all that it recognises."""
+    """Holds the texts of one language by the English text or its template, and the patterns that recognise them."""
 
     def __init__(self, table: Mapping[str, str]) -> None:
         self._table = {_FORMAT.sub(r"\1", english): _FORMAT.sub(r"\1", text) for english, text in table.items()}
         self._patterns = {english: _pattern(english) for english in self._table if re.search(r"{\w+}", english)}
 
     def translated(self, text: str) -> str:
-        """Returns the text whole in the language, else the English text itself."""
+        """Returns the text in the language, as a whole, else the English text itself."""
         table = self._table
         said = [table[text]] if text in table else [self._clause(clause) for clause in text.split("; ")]
         if None not in said:
@@ -268,5 +268,5 @@ _TEXTS = {language: Texts(table) for language, table in LANGUAGES.items()}
 
 
 def translated_text(text: str, language: str) -> str:
-    """A text of the running service in one of LANGUAGES; whole in that language, else the English text itself."""
+    """Returns a text of the running service in one of LANGUAGES, as a whole, else the English text itself."""
     return text if language == "en" else _TEXTS[language].translated(text)

@@ -1,4 +1,4 @@
-"""What the supervisor remembers between ticks, and the guards of its table. Pure: time is an argument."""
+"""Holds what the supervisor remembers between ticks, and the guards of its table. Pure: time is an argument."""
 
 from probewatch.appliance.supervision.alarms import HAZARDS, SILENCES
 from probewatch.appliance.supervision.condition import Condition
@@ -8,11 +8,13 @@ from probewatch.appliance.types import Check, Fault, Kind, State, Verdict, Verdi
 
 
 class Ledger:
-    """Hazards and verification as of the last tick; its boolean properties are the guards named in the table.
+    """Holds the hazards and the verification as of the last tick. Its boolean properties are the guards named in the
+    table; their docstrings are what docs/alarms.md states of each.
 
-    calibration: what is wrong of it. unrecovered: what of that the policy requests a recalibration for, on its own
-    time: what motion recovers, shown for long, does not hasten it. behind: the last verdict is of a time long gone, and
-    says nothing of now: the times of picture or pose stand still or go too slowly, or no picture is judged any more.
+    calibration: the fault of the calibration. unrecovered: the fault for which the policy requests a recalibration,
+    timed separately, so that a fault that motion recovers does not hasten the request, however long it is shown.
+    behind: the last verdict is too old to say anything about the present: the times of picture or pose do not advance
+    or advance too slowly, or no picture is judged any more.
     """
 
     def __init__(self, durations: Durations) -> None:
@@ -39,7 +41,7 @@ class Ledger:
         self.barrier_ns = -1
 
     def note(self, now_ns: int, verdicts: tuple[Verdict, ...], devices: tuple[Check, ...]) -> None:
-        """Fold in what came since the last tick. verdicts are in the order in which the line spoke."""
+        """Takes what came since the last tick. verdicts: in the order in which the line gave them."""
         self.now_ns = now_ns
         self.started_ns = now_ns if self.started_ns is None else self.started_ns
         failing = [check.fault for check in devices if check.verdict is VerdictKind.FAULT]
@@ -54,7 +56,9 @@ class Ledger:
             self._stand()
 
     def _of_the_line(self, verdict: Verdict | None) -> list[Fault]:
-        """The line's own device hazards, such as a frozen picture or a bent field: not the calibration's doing."""
+        """Returns the device hazard that the line reports, such as a frozen picture or a distorted field: the
+        calibration is not its cause.
+        """
         if verdict is None or verdict.fault is None or self.scanning or verdict.fault.kind is Kind.CALIBRATION:
             return []
         return [verdict.fault]
@@ -67,7 +71,7 @@ class Ledger:
         self._untested = any(FAULT_ROWS[fault].policy.tested for fault in failing)
 
     def _note_sight(self, checks: tuple[Check, ...]) -> None:
-        """Whatever is not in view can be changed meanwhile."""
+        """Records what is out of sight and forgets the verification then: what is not seen can be changed meanwhile."""
         unknown = [check.fault for check in checks if check.verdict is not VerdictKind.OK]
         self.sight = next((fault for fault in unknown if fault.kind is Kind.SIGHT), None)
         if self.sight is None:
@@ -78,7 +82,7 @@ class Ledger:
             self.forget_verification()
 
     def _note_integrity(self, failing: list[Fault]) -> None:
-        """Damage that was seen stands until it is accepted, whether or not it is still reported."""
+        """Keeps damage that was seen active until it is accepted, whether or not it is still reported."""
         self._accepted &= frozenset(failing)
         if not self.integrity.active:
             self._note_kind(self.integrity, [fault for fault in failing if fault not in self._accepted], Kind.INTEGRITY)
@@ -91,7 +95,7 @@ class Ledger:
             condition.show(self.now_ns, fault, self._explained(fault))
 
     def _explained(self, fault: Fault) -> str:
-        """What a silent device is reported as, also while this computer is short of time."""
+        """Returns the text of a hazard, with the overload added where a computer short of time may explain it."""
         text = HAZARDS[fault].text
         return (
             f"{text}; {HAZARDS[Fault.OVERLOADED].text}"
@@ -100,7 +104,7 @@ class Ledger:
         )
 
     def forget_verification(self) -> None:
-        """Only what is measured from now on can verify anything."""
+        """Forgets the verification: only what is measured from now on can verify anything."""
         self.verified_ns, self.barrier_ns = None, self.now_ns
 
     def _note_verdict(self, verdict: Verdict) -> None:
@@ -118,7 +122,9 @@ class Ledger:
             self._stand()
 
     def _show(self, fault: Fault | None, reason: str, checks: tuple[Check, ...] = ()) -> None:
-        """checks: of the verdict that shows it; of several faults at once each counts. fault: None where unknown."""
+        """Records what is shown. checks: those of the verdict that shows it; each of several simultaneous faults
+        counts. fault: None where it is unknown.
+        """
         self.calibration.show(self.now_ns, fault, reason)
         failing = [(check.fault, check.name) for check in checks if check.verdict is VerdictKind.FAULT]
         failing += [] if fault is None else [(fault, "")]
@@ -134,8 +140,8 @@ class Ledger:
         self.unrecovered.mark_unconfirmed()
 
     def _note_verification(self, verdict: Verdict) -> None:
-        """Age counts from the motion, not from the verdict. What was measured before the last disturbance, or claims to
-        be of the future, verifies nothing.
+        """Records when the verification was shown: its age counts from the motion, not from the verdict. What was
+        measured before the last disturbance, or claims to be of the future, verifies nothing.
         """
         shown_ns = verdict.verified_ns
         stands = shown_ns is not None and self.barrier_ns < shown_ns <= self.now_ns
@@ -152,8 +158,8 @@ class Ledger:
             self.unrecovered.lift(self.now_ns)
 
     def acknowledge(self) -> None:
-        """A person has seen the latched state, and what is reported of it; a fault that comes again, or takes the place
-        of all that was reported, is not acknowledged.
+        """Records that a person has seen the latched state, and what is reported of it. A fault that comes again, or
+        that replaces all that was reported, is not acknowledged.
         """
         self.acknowledged = True
         self._acknowledged |= self._reported | {self.latched_fault}
@@ -162,19 +168,19 @@ class Ledger:
         self.acknowledged, self._acknowledged = False, frozenset()
 
     def accept_damage(self) -> None:
-        """A person has seen what is damaged; the same found again, and any other damage, is another alarm."""
+        """Records that a person has seen the damage. The same found again, and any other damage, is another alarm."""
         assert self.integrity.fault is not None
         self._accepted |= {self.integrity.fault}
         self.integrity.lift(self.now_ns)
 
     def latch(self, state: State, fault: Fault | None) -> None:
-        """Hold this state until it is released; a person must acknowledge it."""
+        """Holds this state until it is released; a person must acknowledge it."""
         self.latched, self.latched_fault = state, fault
         self._acknowledge_none()
 
     def replaced(self) -> Condition | None:
-        """What the line has shown in place of the latched fault for as long as a HALT takes, or anew after an OK; None
-        while it has not. What asks for a recalibration is not disproved by another fault.
+        """Returns what the line has shown in place of the latched fault for as long as a HALT takes, or anew after an
+        OK; None while it has not. A fault that requests a recalibration is not disproved by another fault.
         """
         requested = self.latched is State.RECALIBRATION_REQUESTED and self.unrecovered.active
         shown = self.unrecovered if requested else self.calibration
@@ -183,7 +189,7 @@ class Ledger:
         return None if shown.fault is Fault.UNDECIDED else shown
 
     def rename(self, fault: Fault | None) -> None:
-        """The latched state is reported as this fault from now on: one that was not acknowledged is another alarm."""
+        """Reports the latched state as this fault from now on; a fault that was not acknowledged is another alarm."""
         self.latched_fault = fault
         self.acknowledged = self.acknowledged and fault in self._acknowledged
 
@@ -192,22 +198,22 @@ class Ledger:
         self._acknowledge_none()
 
     def restore(self, reason: str) -> None:
-        """What is latched stands again until the line disproves it."""
+        """Makes the latched fault active again, unconfirmed, until the line disproves it."""
         self._show(self.latched_fault, reason)
         self._stand()
 
     def begin_recalibration(self) -> None:
-        """What the probe shows during the scan says nothing of the calibration in force."""
+        """Begins the scan: what the probe shows during it says nothing about the calibration in force."""
         self.scanning = True
         self._start_afresh()
 
     def end_recalibration(self) -> None:
-        """A new reference is in force: whatever was measured before says nothing of it."""
+        """Ends the scan with a new reference in force: whatever was measured before says nothing about it."""
         self.scanning = False
         self._start_afresh()
 
     def leave_recalibration(self) -> None:
-        """The reference before it is in force, unless the new one has been confirmed."""
+        """Leaves the recalibration: the reference before it is in force, unless the new one has been confirmed."""
         self.scanning = False
         if not self.verified:
             self._start_afresh()
@@ -219,7 +225,7 @@ class Ledger:
 
     @property
     def hazard(self) -> bool:
-        """Some hazard other than an advisory stands."""
+        """A hazard other than an advisory is active."""
         conditions = (self.calibration, self.device, self.internal, self.integrity)
         return any(condition.active for condition in conditions)
 
@@ -230,30 +236,30 @@ class Ledger:
 
     @property
     def device_fault(self) -> bool:
-        """A device is silent, stale or complains, or the picture is frozen."""
+        """A device is silent, stale, reports a fault or measures badly, or the picture is frozen."""
         return self.device.active
 
     @property
     def internal_fault(self) -> bool:
-        """A part of probewatch itself is silent, or what it wrote down is damaged."""
+        """A part of probewatch itself is silent, or what it wrote is damaged."""
         return self.internal.active or self.integrity.active
 
     @property
     def integrity_broken(self) -> bool:
-        """Alarm memory or alarm log are damaged, and no person has acknowledged it."""
+        """The alarm memory or the alarm log is damaged, and no person has acknowledged it."""
         return self.integrity.active
 
     @property
     def self_tested(self) -> bool:
-        """Outputs were written, the estimator speaks, alarm memory and alarm log are whole."""
+        """The outputs were written, the estimator reports, and the alarm memory and the alarm log are undamaged."""
         return not self._untested
 
     @property
     def verified(self) -> bool:
         """Motion not older than max_verification_age has shown all that is required, nothing has contradicted it, the
-        line said so of the last second, and probe and tissue are in sight. What has an age limit of its own in the
-        configuration is not older than that, not counting the time, `limits.at_rest_s` at most, for which the probe has
-        been held still since.
+        line's last verdict is of the last second, and probe and tissue are in sight. A parameter with an age limit of
+        its own in the configuration is not older than that, not counting the time, `limits.at_rest_s` at most, for
+        which the probe has been held still since.
         """
         if self.verified_ns is None or self.sight is not None or self.behind:
             return False
@@ -263,55 +269,57 @@ class Ledger:
 
     @property
     def reported_sight(self) -> Fault | None:
-        """What is out of sight, or was within probation, so that a flicker is reported as one episode. Decides
-        nothing.
-        """
+        """Returns what is out of sight, or was within probation, so that flicker is one episode. Decides nothing."""
         gone = self._unseen.gone(self.now_ns, self.durations.probation_ns)
         return None if gone else self._unseen.fault
 
     def _led(self, condition: Condition, step: Step | None) -> bool:
-        """What is shown now has been for as long as the policy asks for before this step."""
+        """Returns whether what is shown now has been shown for as long as the policy requires before this step."""
         return step is not None and condition.lasts(self.now_ns, step.after_ns(self.durations))
 
     @property
     def halting(self) -> bool:
-        """A calibration fault is shown now, and has been for as long as the policy says before halt."""
+        """A calibration fault is shown now, and has been for as long as the policy requires before HALT."""
         return self._led(self.calibration, _row(self.calibration).step_to(State.HALT))
 
     @property
     def recalibration_due(self) -> bool:
-        """What motion does not recover is shown now, and has been for as long as the policy says before the request."""
+        """A fault that motion does not recover is shown now, and has been for as long as the policy requires before the
+        request.
+        """
         return self._led(self.unrecovered, _row(self.unrecovered).step_to(State.RECALIBRATION_REQUESTED))
 
     @property
     def losing_device(self) -> bool:
-        """A device fault has lasted for as long as the policy says before device lost."""
+        """A device fault has lasted for as long as the policy requires before device lost."""
         return self._led(self.device, _row(self.device).step_to(State.DEVICE_LOST))
 
     @property
     def losing_internal(self) -> bool:
-        """A part of probewatch itself has been silent for as long as the policy lets a recalibration go on."""
+        """A part of probewatch itself has been silent for as long as the policy lets a recalibration continue."""
         return self._led(self.internal, _row(self.internal).scan)
 
     @property
     def device_back(self) -> bool:
-        """No device fault for probation."""
+        """No device fault has been active for probation."""
         return self.device.gone(self.now_ns, self.durations.probation_ns)
 
     @property
     def internal_back(self) -> bool:
-        """No internal fault for probation, and nothing damaged that was not acknowledged."""
+        """No internal fault has been active for probation, and all damage has been acknowledged."""
         return self.internal.gone(self.now_ns, self.durations.probation_ns) and not self.integrity.active
 
     @property
     def cleared(self) -> bool:
-        """No hazard for probation."""
+        """No hazard has been active for probation."""
         gone = self.calibration.gone(self.now_ns, self.durations.probation_ns)
         return self.device_back and self.internal_back and gone
 
     @property
     def disproved(self) -> bool:
-        """The latched cause is acknowledged, gone for probation, and the calibration verified since."""
+        """The latched cause is acknowledged and has been gone for probation, and the calibration has been verified
+        since.
+        """
         gone = self.calibration.gone(self.now_ns, self.durations.probation_ns)
         return self.acknowledged and gone and self.verified
 
@@ -327,12 +335,12 @@ class Ledger:
 
     @property
     def self_test_overdue(self) -> bool:
-        """The service has run for self_test."""
+        """The service has run for the duration self_test."""
         return self._running_ns() >= self.durations.self_test_ns
 
     @property
     def start_overdue(self) -> bool:
-        """The service has run for starting."""
+        """The service has run for the duration starting."""
         return self._running_ns() >= self.durations.starting_ns
 
     def _running_ns(self) -> int:
@@ -345,5 +353,5 @@ def _requests(fault: Fault, check: str) -> bool:
 
 
 def _row(condition: Condition) -> Policy:
-    """The policy of its hazard; after a restart it may not be known which one it was."""
+    """Returns the policy of the condition's hazard, which may be unknown after a restart."""
     return PLAIN if condition.fault is None else FAULT_ROWS[condition.fault].policy

@@ -1,6 +1,6 @@
-"""Is this computer short of time? Pure: time is an argument.
+"""Detects whether this computer is short of time. Pure: time is an argument.
 
-It explains; it decides nothing: the contact, the states and their names are the same with and without it.
+It explains and decides nothing: the contact, the states and their names are the same with and without it.
 """
 
 from dataclasses import dataclass
@@ -11,31 +11,35 @@ from probewatch.appliance.types import Check, Fault, VerdictKind
 REPORTS_FAULTS = (Fault.OVERLOADED,)
 
 _MEMORY_S = 1.0
-"""Time constant of the means. Longer: a short burst is not called an overload. Shorter: fewer losses come before it."""
+"""s, the time constant of the means. With a longer one, a short burst is not called an overload; with a shorter one,
+fewer losses precede the detection.
+"""
 _LONGEST_STEP_S = 0.25
-"""One step counts for no more, so that a service which was stopped once, or a laptop that slept, is not overloaded."""
+"""s, the most that a step counts for, so that a service that was stopped, or a laptop that slept, is not overloaded."""
 _LATE = 0.25
 """Share of time by which ticks may be late. Higher: a device is lost before the overload is known. Lower: a single long
 tick, which counts for 0.22 at most, is called an overload. Measured on two cores, service at nice -10, pressure 0.99: 0
 beside 32 busy programs; under 0.04 in 23 of 25 seconds after a tracker was killed at a load average of 13, 0.09 and 0.2
-in the other two; 0.4 and more for a service that gets what others leave over (SCHED_IDLE beside four busy programs)."""
+in the other two; 0.4 and more for a service that runs only when others leave time (SCHED_IDLE beside four busy
+programs).
+"""
 _WAITING = 4
-"""Pictures that wait for the estimator: a quarter of its ring. One that keeps up has none or one."""
+"""Pictures that wait for the estimator: a quarter of its ring. An estimator that keeps up has none or one."""
 _BEHIND = 0.5
-"""Share of time in which that many wait."""
+"""Share of time in which that many pictures wait."""
 _PRESSED = 0.5
-"""Pressure without which a late tick is no overload, but a stopped process. Measured: 0.1 … 0.5 on a cart at rest."""
+"""Pressure below which a late tick is no overload, but a stopped process. Measured: 0.1 … 0.5 on a cart at rest."""
 _RELIEF = 0.5
-"""Share of each limit below which it counts as over."""
+"""Share of each limit below which the overload counts as over."""
 _PROBATION_NS = 5_000_000_000
-"""How long it must be over. Longer: fewer pairs of entries. Shorter: the end is said sooner."""
+"""ns for which it must be over. With more, there are fewer pairs of entries; with less, the end is reported sooner."""
 
 
 @dataclass(frozen=True, slots=True)
 class Load:
-    """What is known of the last tick. pressure: share of the time since the one before in which some program waited for
-    the processor or for memory, NaN where the kernel does not report it. waiting: pictures that the estimator has not
-    taken although it works.
+    """Holds what is known about the last tick. pressure: share of the time since the tick before in which some program
+    waited for the processor or for memory, NaN where the kernel does not report it. waiting: pictures that the
+    estimator has not taken although it is working.
     """
 
     pressure: float = nan
@@ -44,7 +48,7 @@ class Load:
 
 @dataclass(slots=True)
 class _Mean:
-    """Leaky mean."""
+    """Computes a leaky mean."""
 
     value: float = 0.0
 
@@ -53,7 +57,10 @@ class _Mean:
 
 
 class Overload:
-    """One step a tick. since_ns: when it began, None while there is none. period_ns: how often the tick is due."""
+    """Detects an overload, one step a tick.
+
+    since_ns: when it began, None while there is none. period_ns: how often the tick is due.
+    """
 
     def __init__(self, period_ns: int) -> None:
         self._period_ns = period_ns
@@ -64,7 +71,7 @@ class Overload:
         self.since_ns: int | None = None
 
     def step(self, now_ns: int, load: Load) -> Check:
-        """The check to add to those of the device watchers."""
+        """Returns the check to add to those of the device watchers."""
         if self._last_ns is not None and now_ns > self._last_ns:
             self._note(now_ns - self._last_ns, load)
         self._last_ns = now_ns
@@ -81,12 +88,12 @@ class Overload:
 
     @property
     def pressure(self) -> float:
-        """Mean of the last second, 0 … 1; NaN where the kernel does not report it."""
+        """Returns the mean of the last second, 0 … 1; NaN where the kernel does not report it."""
         return self._pressure.value if self._pressure_known else nan
 
     @property
     def late(self) -> float:
-        """Share of the last second by which ticks were late."""
+        """Returns the share of the last second by which ticks were late."""
         return self._late.value
 
     def _note(self, interval_ns: int, load: Load) -> None:
@@ -98,7 +105,7 @@ class Overload:
         self._pressure.add(load.pressure if self._pressure_known else 0.0, step_s)
 
     def _strain(self) -> float:
-        """Worst quantity ÷ its limit. Without the kernel's figures only the tick counts."""
+        """Returns the worst quantity ÷ its limit. Without the kernel's figures only the tick counts."""
         pressed = not self._pressure_known or self._pressure.value >= _PRESSED
         late = self._late.value / _LATE if pressed else 0.0
         return max(late, self._behind.value / _BEHIND)

@@ -1,5 +1,5 @@
-"""What is written down while this computer is overloaded: that it began, the first change of each kind, that it ended
-and how often every other change came. Pure: time is an argument.
+"""Decides what is logged while this computer is overloaded: that the overload began, the first change of each kind,
+that it ended, and how often every other change came. Pure: time is an argument.
 """
 
 from collections import Counter
@@ -12,7 +12,10 @@ from probewatch.appliance.types import AlarmState, Fault
 
 @dataclass(slots=True)
 class _Episode:
-    """since_ns, losses: when it began, and how many device losses there had been. last: state after the last change."""
+    """Describes one overload.
+
+    since_ns, losses: when it began, and the number of device losses until then. last: state after the last change.
+    """
 
     since_ns: int
     losses: int
@@ -21,23 +24,23 @@ class _Episode:
 
 
 class OverloadNotes:
-    """Follows one overload after the other."""
+    """Tracks one overload after the other."""
 
     def __init__(self) -> None:
         self._episode: _Episode | None = None
 
     def begin(self, now_ns: int, losses: int) -> bool:
-        """This computer is overloaded. True when it was not before, so that it has to be said."""
+        """Records that this computer is overloaded. Returns True if that is new, so that it has to be reported."""
         if self._episode is not None:
             return False
         self._episode = _Episode(now_ns, losses, Counter())
         return True
 
     def end(self, now_ns: int, losses: int) -> dict[str, Any] | None:
-        """Note that it is over: what has to be said of it; None when there was none.
+        """Records that the overload is over. Returns what has to be reported of it; None when there was none.
 
-        for_s: how long it was. device_losses: during it. repeated: change of state → how often it had no entry.
-        state, fault: what they led to.
+        for_s: how long it lasted. device_losses: during it. repeated: change of state → how often it had no entry.
+        state, fault: what the changes led to.
         """
         if self._episode is None:
             return None
@@ -48,8 +51,8 @@ class OverloadNotes:
         return {"for_s": for_s, "device_losses": losses - episode.losses, "repeated": repeated, **last}
 
     def worth_an_entry(self, before: AlarmState | None, alarm: AlarmState) -> bool:
-        """Whether this change is written by itself: the first of each kind during an overload, whatever latches or ends
-        a latch, whatever is no silence of a device, and everything while there is no overload.
+        """Returns whether this change gets an entry of its own: the first of each kind during an overload, whatever
+        latches or ends a latch, whatever is not the silence of a device, and everything while there is no overload.
         """
         if self._episode is None or Fault.OVERLOADED not in alarm.notices:
             return True

@@ -1,10 +1,11 @@
-"""The policies: what a hazard leads to while it is shown, after how long, with which tone, and what ends it. Pure.
+"""Defines the policies: what a hazard leads to while it is shown, after how long, with which tone, and what ends it.
+Pure.
 
-The supervisor's transitions say from where to where it may go; how soon and how loudly is said here and nowhere else.
-Which policy a fault has is in its row (`appliance.supervision.faults`). docs/alarms.md shows the table.
+The supervisor's transitions define which state may follow which; how soon and how loudly is defined only here. The
+policy of a fault is in its row (`appliance.supervision.faults`). docs/alarms.md shows the table.
 
 As in the paper, a recalibration is requested only for what motion does not recover: a scale, and the offset across the
-picture (ζ). What motion recovers, and what is mended at the scanner or the tracker, ends in HALT.
+picture (ζ). What motion recovers, and what is corrected at the scanner or the tracker, ends in HALT.
 """
 
 from dataclasses import dataclass
@@ -14,22 +15,23 @@ from probewatch.appliance.limits import MAX_VERIFICATION_AGE_S
 from probewatch.appliance.types import State
 
 BEHIND_NS = 1_000_000_000
-"""Longer keeps the contact closed on times that stand still, or go too slowly, and find everything young for ever:
-within a second it opens for every scanner and tracker (docs/failures.md). Shorter opens it for a busy computer; a
-picture waits for its pose for .7 s at most (`Pairing`), of a tracker that is lost by then.
+"""ns by which a verdict may be behind the clock and still count. More keeps the contact closed on times that do not
+advance, or advance too slowly, which make all evidence look recent for ever: with this value the contact opens within a
+second for every scanner and tracker (docs/failures.md). Less opens it for a busy computer; a picture waits for its pose
+for 0.7 s at most (`Pairing`), of a tracker that is lost by then.
 """
 CAUGHT_UP_NS = 200_000_000
-"""By how much less a verdict must be behind before it verifies again: two pictures of 10 Hz. With none, the contact of
-a cart that is late by all but that second switched 79 times in 8 s; more keeps it open for longer.
+"""ns by which a verdict must be less behind before it verifies again: two pictures at 10 Hz. With none, the contact of
+a cart that is late by nearly that second switched 79 times in 8 s; more keeps it open for longer.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class Durations:
-    """Times of the policy and of the supervisor's table, ns of the host clock.
+    """Holds the times of the policy and of the supervisor's table, ns of the host clock.
 
-    behind_ns: by which a verdict may be behind the clock, and verify something. No key of the configuration: what a
-    URL states of delays is added (`appliance.configuration.config`).
+    behind_ns: by which a verdict may be behind the clock and still verify something. It is no key of the configuration:
+    what a URL states about delays is added (`appliance.configuration.config`).
     """
 
     gross_halt_after_ns: int = 300_000_000
@@ -44,7 +46,7 @@ class Durations:
 
 
 class Ending(Enum):
-    """What must happen after a hazard is gone before its last state is left."""
+    """Names what must happen after a hazard is gone before its last state is left."""
 
     VERIFIED = "gone for probation; if latched, also acknowledged and verified since"
     BACK = "gone for probation"
@@ -55,8 +57,9 @@ class Ending(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """state: entered once the hazard has been shown for the sum of the durations that after names; () is at once.
-    by: names of the checks that lead there, where not every check of the hazard does; then their time counts alone.
+    """Describes one step of a policy. state: entered once the hazard has been shown for the sum of the durations that
+    `after` names; () means at once. by: names of the checks that lead there, where not every check of the hazard does;
+    then only their time counts.
     """
 
     state: State
@@ -64,18 +67,19 @@ class Step:
     by: tuple[str, ...] = ()
 
     def after_ns(self, durations: Durations) -> int:
-        """The duration, ns."""
+        """Returns the duration, ns."""
         return sum(int(getattr(durations, f"{name}_ns")) for name in self.after)
 
     def led_by(self, check: str) -> bool:
-        """Whether that check of the hazard leads there; "" where it is not known which one reports it."""
+        """Returns whether that check of the hazard leads there; "" where it is not known which check reports it."""
         return not self.by or check in self.by
 
 
 @dataclass(frozen=True, slots=True)
 class Policy:
-    """One row. steps: in order; none leaves the state as it is. scan: what it leads to while a recalibration goes on;
-    None lets that go on. silent: its states have no tone. tested: the power-on self-test must see it absent.
+    """Describes one policy. steps: in order; none leaves the state as it is. scan: what it leads to during a
+    recalibration; None lets the recalibration continue. silent: its states have no tone. tested: the power-on self-test
+    must see that it is absent.
     """
 
     steps: tuple[Step, ...]
@@ -85,7 +89,7 @@ class Policy:
     tested: bool = False
 
     def step_to(self, state: State) -> Step | None:
-        """The step that leads there, None where none does."""
+        """Returns the step that leads there, None where none does."""
         return next((step for step in self.steps if step.state is state), None)
 
 
@@ -104,14 +108,14 @@ def _device(tested: bool = False) -> Policy:
 
 
 GROSS = _calibration("gross_halt_after")
-"""Misleads about the side at once. Mended where it was set wrong, at the scanner or the tracker."""
+"""For faults that mislead about the side at once, and are corrected at the scanner or the tracker that is set wrong."""
 PLAIN = _calibration("halt_after")
-"""Motion recovers it, or shows the value to set. Or it is not known yet what is wrong: the motion that shows it is
-asked for, and what it then names has a row of its own.
+"""For faults that motion recovers, or for which it shows the value to set; also while it is not known what is wrong:
+the motion that shows it is then requested, and what it names has a row of its own.
 """
 SCALE = _unrecovered()
 OFFSET = _unrecovered("offset-elevational", "marker-elevational")
-"""Motion recovers the offset in the picture's plane alone."""
+"""For an offset, of which motion recovers only the part in the picture's plane."""
 DEVICE, OUTPUT = _device(), _device(tested=True)
 SILENT = Policy(
     (Step(State.INTERNAL_FAULT),),
@@ -122,5 +126,5 @@ SILENT = Policy(
 DAMAGED = Policy((Step(State.INTERNAL_FAULT),), Ending.ACKNOWLEDGED, tested=True)
 UNSEEN = Policy((Step(State.NOT_VERIFIED),), Ending.AT_ONCE)
 PAUSED = Policy((Step(State.NOT_VERIFIED),), Ending.AT_ONCE, silent=True)
-"""By the user's own hand: nothing that a sound would have to say."""
+"""For a picture that the user's own hand has paused: a sound would have nothing to report."""
 ADVISORY = Policy((), Ending.NONE)

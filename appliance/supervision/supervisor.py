@@ -1,19 +1,21 @@
-"""Makes the state of the room of verdicts and device checks. Pure: no clock, no device; time is an argument.
+"""Derives the state of the room from verdicts and device checks. Pure: no clock, no device; time is an argument.
 
 Decisions that the table alone does not show:
-- A calibration fault once shown stands until the line says OK; NOT_VERIFIED neither lifts it nor lets it escalate.
+- A calibration fault, once shown, stays active until the line reports OK; NOT_VERIFIED neither lifts it nor lets it
+  escalate.
 - A frozen picture is of the device kind: the contact opens at once, and monitoring resumes by itself after the
-  picture moves again and the calibration has been verified again; nothing about the calibration is to be done. So is a
-  tracker's field that looks bent.
-- HALT is what a calibration fault ends in. A recalibration is requested for what motion does not recover, whether that
-  was wrong from the start or joined what motion recovers, and is then named.
-- A latched state is reported as the fault that led to it until the line has shown another one in its place for as long
-as a HALT takes, or anew after an OK: then as that one, which must be acknowledged if it was never reported. What was
-one of two is reported at once as what motion shows it to be. A device lost meanwhile replaces neither.
+  picture moves again and the calibration has been verified again; nothing has to be done about the calibration. The
+  same holds for a tracker's field that looks distorted.
+- A calibration fault ends in HALT. A recalibration is requested for what motion does not recover, whether that was
+  wrong from the start or was added to what motion recovers; it is then named.
+- A latched state is reported as the fault that led to it until the line has shown another one in its place for as
+  long as a HALT takes, or anew after an OK: then it is reported as that one, which must be acknowledged if it was
+  never reported. A fault that was one of two is reported at once as what motion shows it to be. A device that is lost
+  meanwhile replaces neither.
 - A latched state is left only when a person has acknowledged it and the line has verified the calibration since, in
-  either order, or by a recalibration that was confirmed; a recalibration that was given up comes back to it.
+  either order, or by a recalibration that was confirmed; a recalibration that was given up returns to it.
 - Damage to the alarm's memory or log opens the contact until a person has acknowledged it.
-- Verification is forgotten whenever a hazard is active or the probe is out of the tracker's sight.
+- The verification is forgotten whenever a hazard is active or the probe is out of the tracker's sight.
 """
 
 from dataclasses import dataclass
@@ -38,15 +40,15 @@ from probewatch.appliance.types import AlarmState, Check, Fault, State, Verdict,
 __all__ = ["Durations", "Inputs", "Request", "Supervisor"]
 
 TICK_NS = 50_000_000
-"""Between two steps of the supervisor. Longer finds a silent device later, beyond its `Timeouts`, and leaves a command
-to an output, which lives for five of them, less room; shorter costs the processor. A verdict is heard at once.
+"""ns between two steps of the supervisor. More finds a silent device later, beyond its `Timeouts`, and leaves less room
+for a command to an output, which lives for five of them; less costs processor time. A verdict is handled without delay.
 """
 LATCHED = (State.HALT, State.RECALIBRATION_REQUESTED)
 _CALM = (State.SELF_TEST, State.WAITING, State.NOT_VERIFIED, State.MONITORING)
 
 
 class Request(Enum):
-    """What a person may ask; the values are the events of the table."""
+    """Names what a person may request; the values are the events of the table."""
 
     ACKNOWLEDGE = "acknowledge"
     BEGIN_RECALIBRATION = "begin_recalibration"
@@ -56,7 +58,7 @@ class Request(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Inputs:
-    """Everything that reached the supervisor since its last step.
+    """Holds everything that reached the supervisor since its last step.
 
     verdicts: of the line, in order. devices: one Check per device watcher, as of now. request: at most one.
     """
@@ -71,7 +73,7 @@ def _state(state: State, initial: bool = False) -> statemachine.State:
 
 
 class AlarmTable(statemachine.StateMachine):
-    """The table. Transitions of one event are tried from top to bottom; guards are properties of the Ledger."""
+    """Holds the table. Transitions of one event are tried from top to bottom; guards are properties of the Ledger."""
 
     allow_event_without_transition = True
 
@@ -150,7 +152,10 @@ class AlarmTable(statemachine.StateMachine):
 
 
 class Supervisor:
-    """latched, fault: a latched state to come back in after a restart; without one it begins with the self-test."""
+    """Runs the table.
+
+    latched, fault: a latched state to start in after a restart; without one it begins with the self-test.
+    """
 
     def __init__(self, durations: Durations, latched: State | None = None, fault: Fault | None = None) -> None:
         assert latched is None or latched in LATCHED
@@ -169,15 +174,15 @@ class Supervisor:
         return state
 
     def retime(self, durations: Durations) -> None:
-        """Other durations from the next step on."""
+        """Applies other durations from the next step on."""
         self._ledger.durations = durations
 
     def invalidate_verification(self) -> None:
-        """What was measured until now verifies nothing any more, as when the limits have changed."""
+        """Discards what was measured until now: it verifies nothing any more, as when the limits have changed."""
         self._ledger.forget_verification()
 
     def step(self, now_ns: int, inputs: Inputs) -> AlarmState:
-        """State of the room at now_ns (host clock, ns, never going back). The caller writes outputs afterwards."""
+        """Returns the state of the room at now_ns (host clock, ns, never decreasing). The caller writes the outputs."""
         before = self.state
         if self._since_ns is None:
             self._since_ns = now_ns
@@ -195,7 +200,7 @@ class Supervisor:
         return self._alarm_state(self._since_ns)
 
     def refusal(self, request: Request) -> str:
-        """Why the table does not grant this request now; empty when it does."""
+        """Returns why the table does not grant this request now; empty when it does."""
         if request.value in {event.id for event in self._table.enabled_events()}:
             return ""
         if request is Request.ACKNOWLEDGE and self.state in LATCHED:
@@ -220,7 +225,7 @@ class Supervisor:
             case Request.END_RECALIBRATION:
                 self._ledger.end_recalibration()
             case Request.ABORT_RECALIBRATION:
-                pass  # _enter leaves it, as it does when devices are lost
+                pass  # _enter leaves the recalibration, as it does when devices are lost
 
     def _enter(self, before: State) -> None:
         if before is State.RECALIBRATING:
@@ -237,8 +242,9 @@ class Supervisor:
         return None
 
     def _name_what_is_shown(self) -> None:
-        """People mend what is named: what was latched is not reported as a part that is not at fault any more. What was
-        latched as one of two is what a person was shown, whichever it is.
+        """Updates the fault that a latched state is reported as. People repair what is named, so a part that is no
+        longer at fault must not be named. A state latched as undecided takes the fault that motion then shows, and
+        stays acknowledged, because the person was shown both.
         """
         if self.state not in LATCHED:
             return
@@ -276,7 +282,7 @@ class Supervisor:
         return None, operator_text(self.state, None)[0]
 
     def _condition(self) -> Condition | None:
-        """The condition that the present state is about; in probation it is the one that has just gone."""
+        """Returns the condition that the present state is about; in probation, the one that has just gone."""
         ledger = self._ledger
         calibration, device, internal, integrity = ledger.calibration, ledger.device, ledger.internal, ledger.integrity
         if self.state is State.SELF_TEST:

@@ -1,4 +1,4 @@
-"""The supervisor over a recording: the states a room would have seen. Pure: time is that of the samples."""
+"""Runs the supervisor over a recording: the states that a room would have seen. Pure: time is that of the samples."""
 
 from collections import Counter
 from dataclasses import dataclass, field, replace
@@ -14,27 +14,29 @@ from probewatch.appliance.types import AlarmState, Check, Verdict, VerdictKind
 from probewatch.drivers.samples import Frame, Sample
 
 _LONGEST_GAP, _SHORT_GAP = 900_000_000_000 // TICK_NS, 10_000_000_000 // TICK_NS
-"""Ticks without a sample. Beyond the first nothing changes any more, as no duration that a configuration may name is
-longer: the rest is passed over. Up to the second each gap is ticked through, whatever _MOST_IDLE says.
+"""Ticks without a sample. Beyond the first number nothing changes any more, as no duration that a configuration may
+name is longer: the rest is skipped. Up to the second, each gap is ticked through, whatever _MOST_IDLE is.
 """
 
 _MOST_IDLE = 86_400_000_000_000 // TICK_NS
-"""Such ticks in a recording beyond short gaps, a day, which takes a minute or two: stamps may leap by years with
-every sample. Fewer show less exactly when a state changed in long gaps, more take longer for a hostile file."""
+"""Ticks without a sample in a recording beyond short gaps, a day, which take a minute or two: stamps may leap by years
+with every sample. Fewer show less exactly when a state changed in long gaps, more take longer for a hostile file.
+"""
 
 NEAREST_MM = 5.0
-"""To which a marker body may come to the origin of the tracker, or of another body, in the whole of a recording: both
-are larger than that. More asks about healthy recordings whether they are in mm; less misses a large volume in metres,
-whose poses of 2 m look like 2 mm."""
+"""mm, how close a marker body may come to the origin of the tracker, or of another body, in the whole of a recording:
+both are larger than that. More asks about healthy recordings whether they are in mm; less misses a large volume in
+metres, whose poses of 2 m look like 2 mm.
+"""
 _NO_POSE = "no picture has a pose"
 _NO_PICTURE = "there are no pictures, without which motion shows nothing"
 _MOST_REASONS = 8
-"""Most frequent reasons of poses that cannot be used. More are not read: some hold a number each."""
+"""Number of the most frequent reasons for unusable poses. More are not read: some contain a number each."""
 
 
 @dataclass(frozen=True, slots=True)
 class Judging:
-    """What a cart's configuration says of how strictly and how soon it judges; the default is the shipped one's."""
+    """Holds how strictly and how soon a cart's configuration judges; the default is that of the shipped one."""
 
     limits: Limits = field(default_factory=Limits)
     durations: Durations = field(default_factory=Durations)
@@ -44,8 +46,8 @@ class Judging:
 class Timeline:
     """Ticks the supervisor at its usual rate between start_ns and end_ns, while both devices were recorded.
 
-    origin_ns: time that t_s counts from. All times ns of the recording's clock. judging: as the cart's configuration
-    says.
+    origin_ns: time that t_s counts from. All times are ns of the recording's clock. judging: as the cart's
+    configuration defines it.
     """
 
     def __init__(self, origin_ns: int, start_ns: int, end_ns: int, judging: Judging | None = None) -> None:
@@ -63,7 +65,7 @@ class Timeline:
         self.changes: list[Change] = []
 
     def step(self, sample: Sample, verdicts: tuple[Verdict, ...]) -> None:
-        """Take the next sample, in time order, and what the line said to it."""
+        """Takes the next sample, in time order, and the line's verdicts on it."""
         self._tick_until(sample.stamp.t_ns)
         self._health = _noted(self._health, sample)
         self._verdicts += verdicts
@@ -75,13 +77,13 @@ class Timeline:
             self._furthest_mm = max(self._furthest_mm or 0.0, float(np.linalg.norm(sample.matrix[:3, 3])))
 
     def finish(self) -> None:
-        """Tick to the end, also where the samples stopped before it."""
+        """Ticks to the end, also where the samples stopped before it."""
         self._tick_until(self._end_ns + 1)
 
     def completed(self, report: LineReport) -> LineReport:
-        """The line's report after finish(), with what the line does not see: why poses could not be used, whether they
-        seem to be in metres, and a device that was failing at the end. That names the verdict unless the line shows a
-        fault of its own.
+        """Returns the line's report after finish(), with what the line does not see: why poses could not be used,
+        whether they seem to be in metres, and a device that was failing at the end. That device determines the verdict
+        unless the line shows a fault of its own.
         """
         report = self._with_unit(self._with_reasons(report))
         failing = self.lasting_fault()
@@ -94,11 +96,11 @@ class Timeline:
         return replace(report, checks=(*report.checks, failing), verdict=verdict)
 
     def lasting_fault(self) -> Check | None:
-        """The device that was failing when the recording ended, None if all were well."""
+        """Returns the check of a device that was failing when the recording ended, None if all were well."""
         return next((check for check in self.devices if check.verdict is VerdictKind.FAULT), None)
 
     def _with_unit(self, report: LineReport) -> LineReport:
-        """What was verified is in mm."""
+        """Adds the question whether poses that all lie near the origin are in mm. Poses that verified something are."""
         far = self._furthest_mm is None or self._furthest_mm > NEAREST_MM
         if far or report.verdict.kind is VerdictKind.OK:
             return report
@@ -106,7 +108,7 @@ class Timeline:
         return replace(report, verdict=replace(report.verdict, reason=f"{report.verdict.reason}; {asked}"))
 
     def _with_reasons(self, report: LineReport) -> LineReport:
-        """Where most pictures have no pose, it is this that the verdict must say, and not which motion was missing."""
+        """Gives as the reason that most pictures have no pose, where that is so, and not which motion was missing."""
         report = replace(report, unusable=dict(self._unusable.most_common(_MOST_REASONS)))
         why = next(iter(report.unusable), "") or max(report.unpaired, key=report.unpaired.__getitem__, default="")
         if not report.frames and report.verdict.kind is VerdictKind.NOT_VERIFIED:
@@ -119,7 +121,7 @@ class Timeline:
         return replace(report, verdict=replace(report.verdict, reason=reason))
 
     def _tick_until(self, t_ns: int) -> None:
-        """Tick up to t_ns; in a long gap, at its beginning and once at its end."""
+        """Ticks up to t_ns; in a long gap, at its beginning and once at its end."""
         until_ns = min(t_ns, self._end_ns + 1)
         ticks = max(0, -((self._next_ns - until_ns) // TICK_NS))
         ticked = min(ticks, _LONGEST_GAP, _SHORT_GAP + self._idle_left)
@@ -133,7 +135,7 @@ class Timeline:
             self._next_ns += TICK_NS
 
     def _tick(self, now_ns: int) -> None:
-        """A recording has no estimator process and no outputs to lose: both are reported as just heard of."""
+        """Performs one tick. A recording has no estimator process and no outputs to lose: both count as just seen."""
         health = replace(self._health, heartbeat_ns=now_ns, output_ns=now_ns)
         self.devices = watch_devices(now_ns, health, self._timeouts, self._limits)
         state = self._supervisor.step(now_ns, Inputs(tuple(self._verdicts), self.devices))

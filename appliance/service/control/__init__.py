@@ -1,1 +1,1 @@
-"""What a person or a program may ask of the service, and what it answers: socket, requests, status, recalibration."""
+"""Handles what people and programs may request of the service: socket, requests, status, recalibration."""

@@ -1,4 +1,4 @@
-"""The asking end of the control socket, for the commands of the operator and for other software."""
+"""Implements the client side of the control socket, for the operator's commands and for other software."""
 
 import json
 from pathlib import Path
@@ -13,12 +13,14 @@ from probewatch.drivers.errors import ConfigurationError, DeviceLost, Probewatch
 from probewatch.drivers.printable import printable_value
 
 _LONGEST_REPLY = 1 << 20
-"""Bytes. A status has some 20 kB; what is longer is no service, and takes memory."""
+"""Bytes. A status has some 20 kB; whatever sends more is no service, and would take memory."""
 
 
 class ControlClient(Closable):
-    """Speaks to a running service. Raises ControlRefused when it declines; when none answers, DeviceLost, or what the
-    service could not be started with, as ConfigurationError. timeout_s: for each reply, the whole of it.
+    """Talks to a running service. timeout_s: limit for each complete reply, s.
+
+    Raises ControlRefused when the service declines. When none answers, raises DeviceLost, or the error for which the
+    service could not start, such as ConfigurationError.
     """
 
     def __init__(self, path: Path, timeout_s: float = 2.0) -> None:
@@ -33,63 +35,63 @@ class ControlClient(Closable):
         self._link.close()
 
     def status(self) -> Reply:
-        """The whole status, as documented in appliance.service.control.status."""
+        """Returns the whole status, as documented in appliance.service.control.status."""
         status = self._ask(do="status")["status"]
         assert isinstance(status, dict)
         return status
 
     def acknowledge(self, reason: str = "") -> str:
-        """A person has seen the alarm: it falls silent, and a latched state ends once the cause is gone. reason: for
-        the alarm log, here as below. Returns state and reason of what was acknowledged.
+        """Acknowledges the alarm for a person who has seen it: it falls silent, and a latched state ends once the cause
+        is gone. Returns state and reason of what was acknowledged. reason: for the alarm log, here as below.
         """
         return str(self._ask(do="acknowledge", **_noted(reason)).get("acknowledged", ""))
 
     def pause_audio(self, seconds: float, reason: str = "") -> None:
-        """Silence for at most 120 s."""
+        """Silences the alarm for at most 120 s."""
         self._ask(do="pause-audio", seconds=seconds, **_noted(reason))
 
     def audio_off(self, reason: str) -> None:
-        """Silence until audio_on, but for a reminder once a minute."""
+        """Silences the alarm until audio_on, except for a reminder once a minute."""
         self._ask(do="audio-off", reason=reason)
 
     def audio_on(self) -> None:
-        """End a pause or an audio-off."""
+        """Ends a pause or an audio-off."""
         self._ask(do="audio-on")
 
     def test_lamps(self, reason: str = "") -> None:
-        """All lamps and the tone for five seconds; the contact stays as it is."""
+        """Switches on all lamps and the tone for five seconds; the contact stays as it is."""
         self._ask(do="lamp-test", **_noted(reason))
 
     def reload(self) -> None:
-        """Take the limits, times and language of the changed configuration file; an invalid one changes nothing."""
+        """Applies the limits, times and language of the changed configuration file; an invalid file changes nothing."""
         self._ask(do="reload")
 
     def propose_calibration(self, wanted: Path | int) -> Reply:
-        """How a file, or an earlier reference by its number, differs from the one in force; docs/control.md."""
+        """Returns how a file, or an earlier reference by its number, differs from the one in force; docs/control.md."""
         proposal = self._ask(do="propose-calibration", **_wanted(wanted))["proposal"]
         assert isinstance(proposal, dict)
         return proposal
 
     def clear_bump(self) -> None:
-        """A person has checked the tracker's position sensor after a blow: its poses count again."""
+        """Confirms that a person has checked the tracker's position sensor after a bump: its poses count again."""
         self._ask(do="clear-bump")
 
     def begin_recalibration(self, hold_s: float | None = None) -> None:
-        """Stop monitoring for a scan. hold_s: the service gives it up when this connection is closed before the end, or
-        asks nothing for so long, 1 … 3600 s.
+        """Stops monitoring for a scan. hold_s: the service gives the recalibration up when this connection is closed
+        before the end, or sends no request for this time, 1 … 3600 s.
         """
         self._ask(do="begin-recalibration", **({} if hold_s is None else {"hold_s": hold_s}))
 
     def end_recalibration(self, wanted: Path | int, confirm: str = "", sha256: str = "") -> None:
-        """Take a file, or an earlier reference by its number, as the reference; monitoring resumes once the line has
-        confirmed it. confirm: the difference as the proposal states it in words, where it must be confirmed. sha256:
-        of the proposal, so that no other file is taken.
+        """Takes a file, or an earlier reference by its number, as the reference; monitoring resumes once the line has
+        confirmed it. confirm: the difference in the words of the proposal, where it must be confirmed. sha256: that of
+        the proposal, so that no other file is taken.
         """
         proposed = {"sha256": sha256} if sha256 else {}
         self._ask(do="end-recalibration", confirm=confirm, **proposed, **_wanted(wanted))
 
     def abort_recalibration(self) -> None:
-        """Back to the reference in force before."""
+        """Returns to the reference that was in force before."""
         self._ask(do="abort-recalibration")
 
     def _ask(self, **request: str | float) -> Reply:
@@ -115,10 +117,10 @@ class ControlClient(Closable):
 
 
 def is_running(path: Path) -> bool:
-    """Whether a service answers at this control socket."""
+    """Returns whether a service answers at this control socket."""
     try:
         ControlClient(path).close()
-    except (DeviceLost, ConfigurationError):  # the latter is what a service that does not watch has left
+    except (DeviceLost, ConfigurationError):  # the latter is what a service that does not monitor has left
         return False
     return True
 

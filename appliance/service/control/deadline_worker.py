@@ -1,4 +1,4 @@
-"""What a request needs of files, in a thread of its own: the tick waits for a disk only as long as it may be late."""
+"""Reads files for requests in a thread of its own, so that a slow disk delays the tick only as far as is allowed."""
 
 import threading
 from collections.abc import Callable
@@ -8,14 +8,14 @@ from probewatch.appliance.service.control.server import ControlRefused
 from probewatch.appliance.service.host.own_files import own_files
 
 _LONGEST_S = 0.1
-"""With a tick, less than the life of a command to an output."""
+"""s, how long the tick waits for a job. With a tick, this is less than the lifetime of a command to an output."""
 
 _T = TypeVar("_T")
 
 
 class DeadlineWorker:
-    """One at a time; while one that was given up has not come back, every other is refused at once. longest_s: for
-    which the tick waits for one.
+    """Runs one job at a time. While a job that was given up has not returned, every other one is refused at once.
+    longest_s: s, how long the tick waits for a job.
     """
 
     def __init__(self, longest_s: float = _LONGEST_S) -> None:
@@ -24,8 +24,8 @@ class DeadlineWorker:
         self._file = ""
 
     def run(self, file: str, job: Callable[[], _T]) -> _T:
-        """What the job returns or raises. file: what it waits for, in words. Raises ControlRefused when it must not
-        be waited for any longer; the job's result is lost then.
+        """Returns or raises what the job returns or raises. file: what the job waits for, in words. Raises
+        ControlRefused when the job takes too long; its result is lost then.
         """
         if self._thread is not None and self._thread.is_alive():
             raise ControlRefused(f"{self._file} still does not answer; check its disk, or wait")

@@ -1,4 +1,4 @@
-"""Notes in the alarm log, every few minutes, what motion showed of the calibration: what a trend is made of."""
+"""Writes to the alarm log, every few minutes, what motion showed of the calibration; trends are computed from this."""
 
 from collections import defaultdict
 from dataclasses import dataclass, field
@@ -12,19 +12,22 @@ from probewatch.appliance.storage.reference import Reference
 from probewatch.appliance.types import AlarmState, Check, State, Verdict
 
 _EVERY_NS = 300_000_000_000
-"""Between two entries while the calibration is verified. A day of eight hours makes 96 of the 40,000 entries that the
-log keeps. Longer sees a change later."""
+"""ns, the time between two entries while the calibration is verified. A day of eight hours makes 96 of the 40,000
+entries that the log keeps. A longer one shows a change later.
+"""
 _LONGEST_NS = 30_000_000_000
-"""The longest window: as long the contact must be closed before one counts, which then holds verified motion alone, and
-so far apart are two that share no motion. Longer leaves out short examinations."""
+"""ns, the longest window. The contact must be closed for as long before a window counts, so that it holds verified
+motion alone, and two windows this far apart share no motion. A longer one leaves out short examinations.
+"""
 _SAME_CALIBRATION = frozenset({State.MONITORING, State.NOT_VERIFIED})
-"""States across which windows are averaged; beyond any other the calibration may have changed."""
+"""States across which windows are averaged; in any other the calibration may have changed."""
 
 
 @dataclass(slots=True)
 class _Windows:
-    """The windows of one parameter since the last entry. shown_ns: that of the latest window, as in Check; an entry
-    leaves it as it is.
+    """Holds the windows of one parameter since the last entry.
+
+    shown_ns: that of the latest window, as in Check; an entry does not reset it.
     """
 
     values: list[float] = field(default_factory=list)
@@ -44,8 +47,8 @@ class _Windows:
 
 
 class EstimateNotes:
-    """One entry at a time: {"reference": number in the history, "checks": {name: [value, sigma, limit]}, "windows":
-    {name: how many were averaged}}.
+    """Collects windows and writes entries: {"reference": number in the history, "checks": {name: [value, sigma,
+    limit]}, "windows": {name: number averaged}}.
     """
 
     def __init__(self, events: EventLog) -> None:
@@ -55,7 +58,7 @@ class EstimateNotes:
         self._windows = defaultdict[str, _Windows](_Windows)
 
     def step(self, now_ns: int, alarm: AlarmState, verdict: Verdict | None, reference: Reference | None) -> None:
-        """Take what is in force at this tick."""
+        """Takes the windows that are in force at this tick."""
         number = None if reference is None else reference.entry.number
         if alarm.state not in _SAME_CALIBRATION or number != self._number:
             self._windows.clear()
@@ -70,7 +73,7 @@ class EstimateNotes:
             self._note(now_ns, number)
 
     def _note(self, now_ns: int, number: int) -> None:
-        """Writes an entry of the windows since the last one, if there are any."""
+        """Writes an entry of the windows since the last entry, if there are any."""
         known = {name: one for name, one in self._windows.items() if one.values}
         if not known:
             return

@@ -12,7 +12,7 @@ from probewatch.appliance.types import AlarmState
 
 class EventLog:
     """Writes events. `simulated` lists the URLs of sources that are not real devices; every state and reference entry
-    states them.
+    contains them.
 
     `alarm` is the current alarm, None before the first; its latched state is part of every entry.
     """
@@ -52,7 +52,7 @@ class EventLog:
         self.note(Event.REFERENCE, **said)
 
     def overdue(self, why: str) -> None:
-        """Returns which date of the reference has passed, empty while none has. Each date is reported once."""
+        """Records which date of the reference has passed; `why` is empty while none has. Each date is recorded once."""
         if why == self._noted_overdue:
             return
         self._noted_overdue = why

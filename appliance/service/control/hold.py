@@ -1,9 +1,9 @@
-"""Who recalibrates: one at a time, and only while the connection of who began lives.
+"""Lets one client recalibrate at a time, and only while its connection lives.
 
-A second one who began would end the first one's scan, or take a cart over that has just been verified; so he is
-refused, with the name of who holds it. A page that was killed, or that hangs, cannot end what it began, and no person
-would know why the cart does not monitor: once its connection is gone, or silent too long, the recalibration is given
-up. Giving up closes nothing: the reference before is in force, and has to be verified again by motion.
+A second client that began would end the first one's scan, or take over a cart that has just been verified; so it is
+refused, with the name of the holder. A page that was killed or hangs cannot end what it began, and nobody would know
+why the cart does not monitor: once its connection is gone, or silent for too long, the recalibration is given up.
+Giving up does not close the contact: the previous reference is in force again, and has to be verified again by motion.
 """
 
 from collections.abc import Callable
@@ -15,13 +15,14 @@ from probewatch.appliance.service.host.log import get_log
 from probewatch.appliance.storage.alarm_chain import Event
 
 SHORTEST_S, LONGEST_S = 1.0, 3600.0
-"""Bounds of the silence that a client may ask for. Shorter gives up for a busy computer; longer is no guard."""
+"""s, bounds of the silence that a client may ask for. Less gives up when the computer is busy; more protects nobody."""
 
 
 @dataclass(slots=True)
 class _Begun:
-    """who: in words. hold_s: longest silence of the connection it hangs on, None where it hangs on none. given: a new
-    calibration was taken, and is being verified. ended: why it was given up.
+    """Describes the recalibration that was begun. who: in words. hold_s: s, longest silence of the connection that it
+    depends on; None when it depends on none. given: a new calibration was taken, and is being verified. ended: why it
+    was given up.
     """
 
     peer: Peer
@@ -34,8 +35,8 @@ class _Begun:
 
 
 class Hold:
-    """abort: gives the recalibration up. note: adds an entry to the alarm log. is_open: whether the connection of that
-    number is.
+    """Tracks who recalibrates. abort: gives the recalibration up. note: adds an entry to the alarm log. is_open:
+    returns whether the connection of that number is open.
     """
 
     def __init__(self, abort: Callable[[], None], note: Callable[..., None], is_open: Callable[[int], bool]) -> None:
@@ -44,8 +45,8 @@ class Hold:
         self._log = get_log()
 
     def refuse_other(self, peer: Peer, now_ns: int, begins: bool = False) -> None:
-        """Raises ControlRefused where another recalibrates. begins: a recalibration; what hangs on no connection may be
-        ended by anybody, but not begun a second time.
+        """Raises ControlRefused while another client recalibrates. begins: the request begins a recalibration. One that
+        depends on no connection may be ended by anybody, but not begun a second time.
         """
         begun = self._held_by_another(peer, now_ns)
         if begun is None or (begun.hold_s is None and not begins):
@@ -66,40 +67,38 @@ class Hold:
         )
 
     def begin(self, peer: Peer, who: str, hold_s: float | None, now_ns: int) -> None:
-        """Begins a recalibration that one connection holds. hold_s: longest silence of that connection, s; None: it
-        needs no connection.
-        """
+        """Records that a recalibration begins. hold_s: s, longest silence of its connection; None: it needs none."""
         self._begun = _Begun(peer, who, hold_s, now_ns, now_ns)
 
     @property
     def link(self) -> int | None:
-        """Number of the connection that it hangs on; None where there is none."""
+        """Returns the number of the connection that the recalibration depends on; None when there is none."""
         begun = self._begun
         return None if begun is None or begun.ended is not None or begun.hold_s is None else begun.peer.link
 
     def hear(self, peer: Peer, now_ns: int) -> None:
-        """That connection has asked something."""
+        """Records that this connection has sent a request."""
         if self._begun is not None and self._begun.peer.link == peer.link:
             self._begun.heard_ns = now_ns
 
     def give(self) -> None:
-        """A new calibration was taken: the service proves it by itself; no other client begins while the one that gave
-        it waits.
+        """Records that a new calibration was taken. The service now verifies it by itself; no other client begins a
+        recalibration while the one that gave it waits.
         """
         if self._begun is not None:
             self._begun.given = True
 
     def release(self) -> None:
-        """What it was held for is given up by a person."""
+        """Releases the hold when a person has given the recalibration up."""
         self._begun = None
 
     def look(self, now_ns: int, recalibrating: bool) -> None:
-        """Look, once a tick. recalibrating: the state in force."""
+        """Checks the holder's connection, once a tick. recalibrating: whether that is the state in force."""
         begun = self._begun
         if begun is None or begun.ended is not None:
             return
         if not recalibrating:
-            self._begun = None  # verified, or a device was lost, say; who held it begins again
+            self._begun = None  # verified, or a device was lost, for example; the holder begins again
             return
         lost = self._lost(begun, now_ns)
         if lost and begun.given:
@@ -114,7 +113,9 @@ class Hold:
         return begun
 
     def _lost(self, begun: _Begun, now_ns: int) -> str:
-        """How who began it was lost; empty while he is there. Of whom nothing is known while he scans, he is there."""
+        """Returns how the holder was lost; empty while it is present. While it scans, a holder that depends on no
+        connection counts as present.
+        """
         if begun.hold_s is None:
             return "who hangs on no connection" if begun.given else ""
         if not self._is_open(begun.peer.link):
@@ -129,8 +130,9 @@ class Hold:
         self._abort()
 
     def fields(self, peer: Peer, now_ns: int, recalibrating: bool, monitoring: bool) -> dict[str, Any] | None:
-        """Fields as docs/control.md describes them for this peer; what was given up is reported until the cart monitors
-        again.
+        """Returns the fields that docs/control.md describes, for this peer.
+
+        What was given up is reported until the cart monitors again.
         """
         begun = self._begun
         if begun is None or monitoring or not (recalibrating or begun.ended):
@@ -146,12 +148,12 @@ class Hold:
 
 
 def _same(one: Peer, other: Peer) -> bool:
-    """The same connection, or another one of the same process, as far as the kernel says which that is."""
+    """Returns whether both are the same connection, or are of the same process as far as the kernel identifies it."""
     return one.link == other.link or (0 != one.pid == other.pid and one.uid == other.uid)
 
 
 def hold_s_of(asked: object) -> float | None:
-    """What a request says. Raises ControlRefused."""
+    """Returns the hold_s of a request, s, or None. Raises ControlRefused when it is invalid."""
     if asked is None:
         return None
     if isinstance(asked, bool) or not isinstance(asked, int | float) or not SHORTEST_S <= asked <= LONGEST_S:

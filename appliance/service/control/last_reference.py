@@ -1,4 +1,4 @@
-"""Which reference the alarm log remembers."""
+"""Finds which reference the alarm log remembers."""
 
 from pathlib import Path
 
@@ -6,7 +6,7 @@ from probewatch.appliance.storage.alarm_chain import read_log
 
 
 def last_reference(folder: Path) -> str | None:
-    """The last entry that names one, in words; None where none does, or the log cannot be read."""
+    """Returns the reference that the log named last, in words; None when it names none or cannot be read."""
     try:
         entries = read_log(folder).entries
     except OSError:

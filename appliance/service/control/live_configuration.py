@@ -1,4 +1,4 @@
-"""The configuration in force, and what a running service takes of a changed one."""
+"""Holds the configuration in force, and decides what a running service takes from a changed one."""
 
 from pathlib import Path
 
@@ -17,13 +17,12 @@ from probewatch.appliance.supervision.supervisor import Supervisor
 from probewatch.drivers.errors import ConfigurationError
 
 _TAKEN = {"limits", "noise", "supervisor", "alarm", "recorder"}
-"""The recorder's is of another process, which takes it when it starts."""
+"""Sections that a running service takes. The recorder's belongs to another process, which reads it when it starts."""
 
 
 class LiveConfiguration:
-    """config: in force. timeouts: of the device watchers, as it says. file: where it is read again from.
-
-    asked: by a signal; the next tick reloads.
+    """Holds the configuration. config: the one in force. timeouts: those that it sets for the device watchers. file:
+    the file from which it is read again. asked: set by a signal; the next tick reloads.
     """
 
     def __init__(
@@ -43,7 +42,7 @@ class LiveConfiguration:
         self._log = get_log()
 
     def reload_if_asked(self) -> None:
-        """Reload if a signal asked for it, which cannot be answered: what is refused is logged."""
+        """Reloads if a signal requested it. A signal cannot be answered: a refusal is logged."""
         if self.asked:
             self.asked = False
             try:
@@ -52,7 +51,7 @@ class LiveConfiguration:
                 self._log.warning("configuration refused, the old one stays", what=str(error))
 
     def reload(self) -> None:
-        """Raises ControlRefused, ConfigurationError; then nothing has changed."""
+        """Applies the configuration file anew. Raises ControlRefused, ConfigurationError; then nothing has changed."""
         written = self._worker.run(str(self.file), lambda: load_config(self.file))
         before, self.config = self.config, _taken(self.config, written, self.file)
         self._references.look_again()
@@ -61,7 +60,7 @@ class LiveConfiguration:
         if (self.config.limits, self.timeouts.stale_ns) != (before.limits, timeouts.stale_ns):
             self.verify_anew()
         elif self.config.supervisor.max_verification_age_s > before.supervisor.max_verification_age_s:
-            self._supervisor.invalidate_verification()  # what has expired does not count again
+            self._supervisor.invalidate_verification()  # a verification that has expired does not count again
         if self.config != before:
             fields = configuration_fields(self.config, self.file)
             rest = {"noise": noise_fields(self.config), "limits": limits_fields(self.config.limits)}
@@ -69,15 +68,13 @@ class LiveConfiguration:
         self._log.info("configuration reloaded", file=str(self.file))
 
     def verify_anew(self) -> None:
-        """Discards the present verification: the limits have changed, the computer has slept, or the reference
-        had expired meanwhile.
-        """
+        """Discards the present verification: the limits changed, the computer slept, or the reference had expired."""
         self._estimator.set_limits(self.config.limits, self.timeouts.stale_ns)
         self._supervisor.invalidate_verification()
 
 
 def _taken(running: Config, written: Config, file: Path) -> Config:
-    """The written configuration. Raises ControlRefused when it changes what only a restart can change."""
+    """Returns the written configuration. Raises ControlRefused when it changes what only a restart can change."""
     changed = [name for name in Config.model_fields if getattr(running, name) != getattr(written, name)]
     fixed = [f"[{name}]" for name in changed if name not in _TAKEN]
     if running.alarm.folder != written.alarm.folder:

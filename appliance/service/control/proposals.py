@@ -1,6 +1,4 @@
-"""Keeps the proposals and undecided faults that motion shows, for the person who comes to the cart later and for the
-alarm log.
-"""
+"""Keeps the proposals and undecided faults that motion shows, for a person who comes later and for the alarm log."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -15,8 +13,9 @@ from probewatch.appliance.types import AlarmState, State, Verdict
 
 
 class Proposals:
-    """`current` is the latest proposal since the calibration was last verified under the present reference; None
-    without one. Each proposal, and each undecided choice between the same classes, is logged once in the alarm log.
+    """Keeps proposals. `current` is the latest one since the calibration was last verified under the present reference;
+    None without one. Each proposal, and each undecided choice between the same classes, is logged once in the alarm
+    log.
     """
 
     def __init__(self, events: EventLog) -> None:
@@ -44,7 +43,7 @@ class Proposals:
             self._note(Event.UNDECIDED, names, text=verdict.reason, names=names)
 
     def fields(self, language: str) -> dict[str, Any] | None:
-        """Returns the proposal for JSON, in the language of the room."""
+        """Returns the proposal for JSON, with its text in the language of the room."""
         proposal = self.current
         if proposal is None:
             return None

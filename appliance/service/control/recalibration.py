@@ -1,4 +1,4 @@
-"""Which calibration is the reference while a person recalibrates, and what it returns to when he gives up."""
+"""Decides which calibration is the reference during a recalibration, and which one follows if it is given up."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ from probewatch.appliance.supervision.supervisor import Request, Supervisor
 from probewatch.appliance.types import PARAMETERS, State
 
 Ask = Callable[[Request], object]
-"""Puts a request to the supervisor. Raises ControlRefused."""
+"""Passes a request to the supervisor. Raises ControlRefused."""
 
 _EVERYTHING = ("polarity", *PARAMETERS)
 _COMPARED = (
@@ -29,9 +29,9 @@ _COMPARED = (
 
 @dataclass(frozen=True, slots=True)
 class Wanted:
-    """What a person wants as the reference: a file, or the number of an earlier one. confirm: the difference from the
-    one in force, as the proposal states it; empty where he did not say that he accepts it. sha256: of the file that was
-    proposed, empty for whatever it holds now. who: asks.
+    """Names what a person wants as the reference: a file, or the number of an earlier one. confirm: the difference from
+    the one in force, as the proposal states it; empty where the person did not accept it. sha256: that of the proposed
+    file; empty accepts whatever the file holds now. who: the person who asks.
     """
 
     file: Path | None = None
@@ -46,7 +46,7 @@ class Wanted:
 
 
 class Recalibration:
-    """Carries out what the supervisor grants. took: is called with every reference that comes in force."""
+    """Carries out what the supervisor grants. took: is called with every reference that comes into force."""
 
     def __init__(
         self,
@@ -64,11 +64,11 @@ class Recalibration:
         self._doubted = False
 
     def begin(self) -> None:
-        """Raises ControlRefused."""
+        """Begins a recalibration. Raises ControlRefused."""
         self._ask(Request.BEGIN_RECALIBRATION)
 
     def propose(self, wanted: Wanted) -> dict[str, Any]:
-        """How it differs from the reference; nothing changes. Raises ControlRefused, ConfigurationError."""
+        """Returns how the wanted calibration differs from the reference. Raises ControlRefused, ConfigurationError."""
         candidate = self._candidate(wanted)
         change = self._change(candidate)
         if change is None:
@@ -78,8 +78,8 @@ class Recalibration:
         return {**change.fields(), "text": change.text, "confirm": asked, "sha256": candidate.sha256}
 
     def end(self, wanted: Wanted) -> None:
-        """Take it as the reference. Raises ControlRefused, also for a difference that no person has confirmed, and
-        ConfigurationError for the file.
+        """Takes the wanted calibration as the reference. Raises ControlRefused, also for a difference that no person
+        has confirmed, and ConfigurationError for the file.
         """
         refusal = self._supervisor.refusal(Request.END_RECALIBRATION)
         if refusal:
@@ -97,11 +97,11 @@ class Recalibration:
         self._take(candidate, wanted.origin, wanted.who, change)
 
     def abort(self) -> None:
-        """Back to the reference in force before. Raises ControlRefused."""
+        """Returns to the reference that was in force before. Raises ControlRefused."""
         self._ask(Request.ABORT_RECALIBRATION)
 
     def follow(self, before: State, after: State) -> None:
-        """A reference that monitoring confirmed stays; whatever else ends a recalibration returns to the one before."""
+        """Keeps a reference that monitoring confirmed; any other end of a recalibration returns to the one before."""
         if after is State.MONITORING:
             self._references.note_verified()
             self._before, self._doubted = self._references.current, False
@@ -110,7 +110,7 @@ class Recalibration:
         self._take_up()
 
     def _take_up(self) -> None:
-        """The first reference, once it was read from the disk."""
+        """Puts the first reference into force in the estimator, once it has been read from the disk."""
         current = self._references.current
         if current is not None and self._estimator.reference is None:
             self._before = current
@@ -119,7 +119,7 @@ class Recalibration:
             self._refer(current)
 
     def _candidate(self, wanted: Wanted) -> Candidate:
-        """Only reading waits for the disk."""
+        """Returns the wanted calibration. Only the reading waits for the disk."""
         file, number = wanted.file, wanted.number
         if number is not None:
             return self._worker.run(f"reference {number}", lambda: self._references.from_history(number))
@@ -148,8 +148,9 @@ class Recalibration:
         self._refer(self._references.take(candidate, origin, who, text, to_show, relative_pose))
 
     def _far_from_before(self, candidate: Candidate) -> bool:
-        """Whether it is far from the one that was verified last: several near ones after each other, of which none was,
-        lead far away. Where none was verified yet, or the service started with such a one, it may be.
+        """Returns whether the candidate is far from the reference that was verified last: several near ones in a row,
+        none of which was verified, add up to a large difference. When none was verified yet, or the service started
+        with an unverified one, it counts as far.
         """
         before = self._before
         if before is None or self._doubted:
@@ -161,7 +162,9 @@ class Recalibration:
         self._took(reference)
 
     def _return(self) -> None:
-        """The pose of a second marker body is known on: what it slid by meanwhile is named, as after a restart."""
+        """Returns to the previous reference. The pose of a second marker body stays known: what it slid by in the
+        meantime is named, as after a restart.
+        """
         before, current = self._before, self._references.current
         if before is not None and (current is None or before.entry.number != current.entry.number):
             number, change = before.entry.number, self._change(before.candidate)

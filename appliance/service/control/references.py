@@ -1,8 +1,8 @@
-"""Which reference is in force, across restarts and power cuts.
+"""Keeps which reference is in force, across restarts and power cuts.
 
 The store is read and written in a thread of its own, so that a disk that is slow, full or does not answer delays no
-tick. What is in force but not on the disk yet cannot be verified: the contact never closes on a reference that a
-restart would not go on with.
+tick. A reference that is in force but not on the disk yet cannot be verified: the contact never closes on a reference
+that a restart would not continue with.
 """
 
 import threading
@@ -48,14 +48,13 @@ _UNREADABLE = ""
 
 
 class References(threading.Thread):
-    """Runs from its construction on, which reads what is in force; writes only after begin().
+    """Reads what is in force as soon as it is constructed; writes only after begin().
 
     current: what is in force; None until the disk has answered and, for a device set without a size, a picture was
-    seen. changed: what is wrong with the configuration's calibration file, in words, while it is neither in force nor
-    the one a person last decided about. failure: an error of ours, which has ended the thread; the tick raises it.
-    wall_clock: time of the calendar. clock: by which it waits for its next try to write.
-    Construction raises ConfigurationError where no reference can be had: the store is damaged, or the first
-    calibration cannot be used.
+    seen. changed: what is wrong with the configuration's calibration file, in words, while the file is neither in force
+    nor the one that a person last decided about. failure: the exception that has ended the thread; the tick raises it.
+    wall_clock: calendar time. clock: times the wait for the next attempt to write. Construction raises
+    ConfigurationError when no reference can be had: the store is damaged, or the first calibration cannot be used.
     """
 
     def __init__(
@@ -93,7 +92,7 @@ class References(threading.Thread):
         self._wake.set()
 
     def close(self) -> None:
-        """Write what is not on the disk yet, for at most two seconds."""
+        """Writes what is not on the disk yet, for at most two seconds."""
         self._ending = True
         self._wake.set()
         self.join(END_S)
@@ -102,17 +101,17 @@ class References(threading.Thread):
 
     @property
     def on_disk(self) -> bool:
-        """A restart would go on with what is in force."""
+        """Returns whether a restart would continue with what is in force."""
         return len(self._written.entries) == len(self._history.entries)
 
     @property
     def history(self) -> History:
-        """Everything that was ever in force, the present one included."""
+        """Returns every reference that was ever in force, including the present one."""
         return self._history
 
     @property
     def waits(self) -> str | None:
-        """What must happen before there is a reference, or before the one in force may be verified; None: nothing."""
+        """Returns what must happen before a reference exists, or the one in force may be verified; None: nothing."""
         if not self._opened.is_set():
             return f"{self._folder} has not answered yet"
         if self.current is None and self._place.file is None:
@@ -130,14 +129,14 @@ class References(threading.Thread):
 
     @property
     def next_step(self) -> str:
-        """What a person has to do before any motion can verify something; empty where motion can."""
+        """Returns what a person has to do before any motion can verify something; empty where motion can."""
         if self._opened.is_set() and self.current is None and self._place.file is None:
             return NO_CALIBRATION
         return EXPIRED_CALIBRATION if self._expired else ""
 
     @property
     def dates(self) -> Dates:
-        """Dates of the reference in force."""
+        """Returns the dates of the reference in force."""
         current = self.current
         if current is not None and self._dates_known[0] != current.entry.number:
             found = dates_of(current.entry, self._history.entries, current.candidate.content, self._place.due_days)
@@ -146,7 +145,7 @@ class References(threading.Thread):
 
     @property
     def overdue(self) -> str:
-        """Which of its dates has passed, in words; empty while none has."""
+        """Returns which of its dates has passed, in words; empty while none has."""
         return self.dates.overdue(self._wall_clock())
 
     @property
@@ -154,31 +153,31 @@ class References(threading.Thread):
         return self.dates.expired(self._wall_clock()) if self._place.overdue == "expires" else ""
 
     def lapse_ended(self) -> bool:
-        """Whether the reference in force had expired by the last call and has not any more, as where the clock was
-        stepped. What was shown before then verifies nothing. Until the next call no verdict is kept, so that one in
-        between cannot be taken for a new one.
+        """Returns whether the reference had expired by the last call and is valid again, as when the clock was stepped.
+        What was shown before verifies nothing. Until the next call no verdict is kept, so that one in between is not
+        taken for new.
         """
         before, self._lapsed = self._lapsed, self._expired
         return bool(before) and not self._lapsed
 
     def see(self, size_px: Size | None) -> None:
-        """(width, height) of the last good picture."""
+        """Takes (width, height) of the last good picture."""
         if size_px is not None and size_px != self._seen_px:
             self._seen_px = size_px
             self._wake.set()
 
     def look_again(self) -> None:
-        """The configuration's calibration file may have changed."""
+        """Requests another look at the configuration's calibration file, which may have changed."""
         self._look = True
         self._wake.set()
 
     def from_content(self, content: bytes, file: str) -> Candidate:
-        """What might become the reference. Raises ConfigurationError, also for a simulated one on a real cart."""
+        """Returns a candidate for reference. Raises ConfigurationError, also for a simulated one on a real cart."""
         candidate = candidate_from_content(content, file, self._size_for(content), self._place.probe)
         return self._allowed(candidate)
 
     def from_history(self, number: int) -> Candidate:
-        """An earlier reference; reads the disk. Raises ConfigurationError."""
+        """Returns an earlier reference, read from the disk. Raises ConfigurationError."""
         return self._allowed(candidate_of_entry(self._folder, self._history.entry(number)))
 
     def take(
@@ -190,8 +189,8 @@ class References(threading.Thread):
         to_show: Iterable[str] = (),
         relative_pose: tuple[float, ...] | None = None,
     ) -> Reference:
-        """Put it in force. to_show: checks that must be shown, all in one verdict, before its first OK. relative_pose:
-        as it is known under this calibration already.
+        """Puts a candidate into force. to_show: checks that must be shown, all in one verdict, before its first OK.
+        relative_pose: as already known under this calibration.
         """
         with self._lock:
             entry = Entry(
@@ -220,7 +219,7 @@ class References(threading.Thread):
         return self.current
 
     def note_verified(self) -> None:
-        """Motion has shown the reference in force."""
+        """Records that motion has verified the reference in force."""
         if self.current is None or self.current.entry.verified_utc is not None:
             return
         with self._lock:
@@ -231,8 +230,8 @@ class References(threading.Thread):
         self.look_again()
 
     def note_relative_pose(self, reference: Calibration | None, relative_pose: Matrix4 | None) -> None:
-        """The pose of a second marker body relative to the first, as it is known under that reference. Kept with the
-        one in force, so that a restart finds what was bent meanwhile; another one in force begins without.
+        """Keeps the pose of a second marker body relative to the first with the reference in force, if it is the one
+        given, so that a restart finds what was bent meanwhile. Another reference begins without it.
         """
         current = self.current
         if current is None or current.calibration is not reference:
@@ -247,7 +246,7 @@ class References(threading.Thread):
         self._wake.set()
 
     def judged(self, verdicts: tuple[Verdict, ...]) -> tuple[Verdict, ...]:
-        """The line's verdicts, without an OK that the reference in force has not earned yet."""
+        """Returns the line's verdicts, without an OK that the reference in force has not earned yet."""
         if verdicts and self.current is not None:
             self._missing = self._not_shown(verdicts[-1], self.current.entry)
         return tuple(self._judged(one) for one in verdicts)
@@ -299,7 +298,7 @@ class References(threading.Thread):
             self._write()
 
     def _complete(self) -> None:
-        """The first picture gives the size that the first device set does not."""
+        """Takes the first calibration once a picture has given the size that its device set does not state."""
         content = self._unsized
         if content is None or self._seen_px is None:
             return
@@ -309,7 +308,7 @@ class References(threading.Thread):
                 self.take(candidate, CONFIGURED)
 
     def _compare_configured(self) -> None:
-        """Notice a configured file that is neither in force nor what it was when a person last decided."""
+        """Reports a configured file that is neither in force nor as it was when a person last decided."""
         file = self._place.file
         if file is None:
             return
@@ -361,9 +360,7 @@ class References(threading.Thread):
         return candidate
 
     def _judged(self, verdict: Verdict) -> Verdict:
-        """What is not on the disk, or far and not wholly shown, or has expired, is not verified, whatever motion showed
-        of it.
-        """
+        """Withholds an OK of a reference that is not on the disk, is far and not wholly shown, or has expired."""
         kept = self.current is not None and self.on_disk and not self._not_shown(verdict, self.current.entry)
         self._lapsed = self._lapsed or self._expired
         if kept and not self._lapsed:
@@ -375,7 +372,7 @@ class References(threading.Thread):
 
     @staticmethod
     def _not_shown(verdict: Verdict, entry: Entry) -> tuple[str, ...]:
-        """Checks that the first OK of this reference still lacks."""
+        """Returns the checks that the first OK of this reference still lacks."""
         if entry.verified_utc is not None:
             return ()
         shown = {check.name for check in verdict.checks if check.verdict is VerdictKind.OK}
@@ -383,7 +380,7 @@ class References(threading.Thread):
 
 
 def _refuse_lost(folder: Path) -> None:
-    """No store is the first start of a cart, unless the alarm log remembers a reference."""
+    """Raises ConfigurationError if the alarm log names a reference; else a missing store is a cart's first start."""
     known = last_reference(folder)
     if known is not None:
         what = f"is gone, but the alarm log says that {known} was in force"

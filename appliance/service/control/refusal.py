@@ -1,4 +1,5 @@
-"""Why no service answers: the service leaves it beside its control socket, for those who may use that socket.
+"""Records why no service answers: the service leaves the reason beside its control socket, for those who may use that
+socket.
 
 The journal holds the same, but only administrators and the group systemd-journal may read it.
 """
@@ -16,11 +17,11 @@ from probewatch.drivers.files.atomic_file import replacing
 
 _SUFFIX = ".refusal"
 _MOST_BYTES = 16_000
-"""A refusal is a few lines; what is larger was not written by the service, and is cut."""
+"""Bytes. A refusal is a few lines; a larger file was not written by the service, and is truncated."""
 
 
 def leave(config_file: Path, error: ConfigurationError) -> None:
-    """Write it for the clients that ask. Where that cannot be written, the log alone has it."""
+    """Writes the error for the clients that ask. When that fails, only the log has it."""
     utc = datetime.now(UTC).isoformat(timespec="seconds")
     said = {"utc": utc, "what": error.what, "where": error.where, "remedy": error.remedy}
     with contextlib.suppress(OSError), replacing(_place(_socket_of(config_file))) as stream:
@@ -29,13 +30,13 @@ def leave(config_file: Path, error: ConfigurationError) -> None:
 
 
 def withdraw(socket: Path) -> None:
-    """A service runs here."""
+    """Removes the refusal, because a service runs here."""
     with contextlib.suppress(OSError):
         _place(socket).unlink()
 
 
 def why_silent(socket: Path) -> ConfigurationError | None:
-    """What the last service that could not watch has left beside this socket, None where there is nothing."""
+    """Returns the error that the last service that could not monitor left beside this socket; None without one."""
     try:
         with _place(socket).open("rb") as stream:
             said = json.loads(stream.read(_MOST_BYTES))
@@ -46,7 +47,7 @@ def why_silent(socket: Path) -> ConfigurationError | None:
 
 
 def _socket_of(config_file: Path) -> Path:
-    """Where people will ask: [control] socket, as far as the file can be read; else the usual one."""
+    """Returns the path at which people will ask: [control] socket, if the file can be read; else the usual one."""
     try:
         return Path(str(tomllib.loads(config_file.read_text(encoding="utf-8"))["control"]["socket"]))
     except (OSError, ValueError, RecursionError, KeyError, TypeError):

@@ -21,7 +21,7 @@ from probewatch.appliance.types import AlarmState
 from probewatch.drivers.printable import printable
 
 _ALWAYS = ("acknowledge", "audio-on")
-"""Granted however much this user has asked for: both can change something only after something else has."""
+"""Requests that are never refused for their rate: both can change something only after something else has."""
 
 Body = Mapping[str, Any]
 
@@ -32,12 +32,12 @@ _FIELDS: Mapping[str, tuple[str, ...]] = {
     "begin-recalibration": ("hold_s",),
     "end-recalibration": (*_CALIBRATION, "sha256"),
 }
-"""What each request reads; `reason`, which is kept in the alarm log, may stand in every one."""
+"""The fields that each request reads. Every request may also have `reason`, which is kept in the alarm log."""
 
 
 @dataclass(frozen=True, slots=True)
 class ServiceActions:
-    """The actions of the service that a request may call. `note` adds an entry to the alarm log.
+    """Holds the actions of the service that a request may call. `note` adds an entry to the alarm log.
 
     `onlookers` holds the ids of the users who may ask for the status only. `worker` reads the list of users and does
     nothing else, so that a list that hangs delays no file access.
@@ -57,8 +57,9 @@ class ServiceActions:
 
 
 class Requests:
-    """Handles requests, one method for each; each raises ControlRefused, or ConfigurationError for a file. Every
-    granted request is logged, and the rate per user is limited, so that no client can flood the log.
+    """Handles requests, one method for each; each raises ControlRefused, or ConfigurationError for a file.
+
+    Every granted request is logged, and the rate per user is limited, so that no client can flood the log.
     """
 
     def __init__(self, actions: ServiceActions) -> None:
@@ -87,8 +88,8 @@ class Requests:
         return tuple(self._table)
 
     def answer(self, do: str, body: Body, who: Peer) -> Reply:
-        """Returns the fields of the reply. `who` is the calling process as the kernel reports it. `ignored` lists
-        fields without meaning.
+        """Returns the fields of the reply. `who` is the calling process as the kernel reports it. `ignored` in the
+        reply lists fields that mean nothing to this request.
         """
         reply = self._answered(do, body, who)
         ignored = unknown_fields(body, ("reason", *_FIELDS.get(do, ())))
@@ -129,9 +130,7 @@ class Requests:
         self._actions.note(Event.REQUEST, do=do, who=self._asking, **said)
 
     def _name(self, uid: int) -> str:
-        """Returns the user's name, looked up once: the list of users may be on a disk or a network that does not
-        respond.
-        """
+        """Returns the user's name, looked up once: the list of users may be on a disk or network that hangs."""
         try:
             if uid not in self._names:
                 self._names[uid] = self._actions.worker.run("the list of users", lambda: pwd.getpwuid(uid).pw_name)

@@ -1,4 +1,4 @@
-"""Which users may do what, and what one who may not use a file has to do; docs/security.md says it as well."""
+"""Determines which users may do what, and tells a user who may not use a file what to do; see docs/security.md."""
 
 import getpass
 import grp
@@ -12,14 +12,14 @@ from probewatch.appliance.configuration.config import Config, Control, Feed
 
 _USUAL = "probewatch"
 _OF_UNITS = (*Control().viewers, *Feed().viewers)
-"""Users of our own units that only look on, as shipped. The recorder's has the group, for the files that it writes."""
+"""Users of our own units that only view, as shipped. The recorder's has the group, for the files that it writes."""
 
 
 @dataclass(frozen=True, slots=True)
 class Onlookers:
-    """Users, by id, who may read status and feed and request nothing, whatever group they are in.
+    """Holds the users, by id, who may read status and feed but send no other request, whatever group they are in.
 
-    of_units: who requests nothing either, also where the configuration names others in their place.
+    of_units: users who may send no other request either, even where the configuration names others in their place.
     """
 
     without_pictures: frozenset[int]
@@ -28,28 +28,28 @@ class Onlookers:
 
     @classmethod
     def of(cls, config: Config) -> Self:
-        """Who is named in both lists is shown pictures."""
+        """Returns the viewers that the configuration names. A user who is in both lists is shown pictures."""
         shown = user_ids(config.feed.viewers)
         return cls(user_ids(config.control.viewers) - shown, shown, user_ids(_OF_UNITS))
 
     @property
     def all(self) -> frozenset[int]:
-        """Who is let in."""
+        """Returns the users who may connect."""
         return self.without_pictures | self.with_pictures
 
     @property
     def refused(self) -> frozenset[int]:
-        """Users whose requests are refused."""
+        """Returns the users whose requests are refused."""
         return self.all | self.of_units
 
 
 def join_group(path: Path) -> str:
-    """The command that adds this user to the group of the nearest file above that can be looked at."""
+    """Returns the command that adds this user to the group of `path`, or of the nearest folder that can be examined."""
     return f"An administrator adds you: sudo usermod -aG {_group(path)} {_user()}; then log in again"
 
 
 def user_ids(names: Iterable[str]) -> frozenset[int]:
-    """Ids of those users that exist; no process runs as one that does not."""
+    """Returns the ids of those users that exist; no process runs as one that does not."""
     return frozenset(uid for name in names if (uid := _user_id(name)) is not None)
 
 

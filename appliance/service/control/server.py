@@ -1,16 +1,17 @@
-"""The control socket: JSON lines over a Unix socket, protocol version 1; docs/control.md lists the requests.
+"""Serves the control socket: JSON lines over a Unix socket, protocol version 1; docs/control.md lists the requests.
 
 Request: {"v": 1, "do": NAME, …}. Reply: {"v": 1, "ok": true, …} or {"v": 1, "ok": false, "error": TEXT}.
-The server is polled by the tick: it never blocks, takes at most one request of each client a tick, and drops a client
-that sends too much or reads too slowly. What a tick has no time for waits for the next one, the client that has waited
-longest first.
 
-A crowd that connects and says nothing keeps no client out: its clients take places from each other only, and one that
-is accepted is heard before the next one is. Who has asked keeps the place until the answer is there, and longer while
-no other client that asks needs it, or a recalibration hangs on it; one that sends the next request before it has the
-answer to the last is the first to leave after that. So each tick has eight places or more for those who have waited
-longest, whatever the others ask, and a client that asks now and then keeps its own. One descriptor is kept for a person
-who asks what is wrong when all others have run out.
+The tick polls the server, which never blocks, takes at most one request of each client a tick, and drops a client that
+sends too much or reads too slowly. Clients for which a tick has no time wait for the next one, the client that has
+waited longest first.
+
+A crowd of clients that connect and send nothing keeps no other client out: they take places only from each other, and
+each client is read once it is accepted, before the next is. A client that has asked keeps its place until it has the
+answer, and longer while no other client that asks needs the place, or a recalibration depends on it. A client that
+sends the next request before it has the answer to the last is the first to leave after that. So each tick has eight
+places or more for those that have waited longest, whatever the others ask, and a client that asks now and then keeps
+its own. One descriptor is reserved for a person who asks what is wrong when all others have run out.
 """
 
 import contextlib
@@ -36,26 +37,30 @@ from probewatch.drivers.printable import printable_value
 
 VERSION = 1
 _MOST_CLIENTS, _MOST_SILENT = 16, 16
-"""Open at once: who have asked, and who have not. Each costs a descriptor and a few µs a tick."""
+"""Most clients at once: those that have asked, and those that have not. Each costs a descriptor and a few µs a tick."""
 
 _LONGEST_LINE = 4096
-"""Bytes of a request: a path may be as long. Each client may hold so much of our memory without asking anything."""
+"""Bytes of a request: a path may be as long. Each client may occupy as much of our memory without asking anything."""
 _MOST_UNSENT = 1 << 18
-"""Bytes that wait for a client which does not read; then it is dropped. More lets each take as much
-memory; less drops who reads late."""
+"""Bytes that may wait for a client that does not read; beyond that it is dropped. More lets each client take as much
+memory; less drops a client that reads late.
+"""
 _BACKLOG = 4096
-"""Clients that the kernel keeps in order, first come first served, until a tick has time for them. Who finds no place
-there races with the crowd for the next one."""
+"""Clients that the kernel queues, first come first served, until a tick has time for them. A client that finds no place
+there competes with the crowd for the next one.
+"""
 
 _ACCEPTING_S, _ANSWERING_S = 0.01, 0.01
-"""Most of a tick of 50 ms. Accepting a client that says nothing takes 50 µs: 200 a tick, 4000 a second."""
+"""s, the longest time in a tick of 50 ms for accepting and for answering. Accepting a client that sends nothing takes
+50 µs: 200 a tick, 4000 a second.
+"""
 
 Reply = dict[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
 class Peer:
-    """The asking process, as the kernel knows it. link: number of its connection, 1 for the server's first."""
+    """Identifies the asking process as the kernel knows it. link: number of its connection; the server's first is 1."""
 
     pid: int
     uid: int
@@ -63,18 +68,18 @@ class Peer:
 
 
 Answer = Callable[[str, dict[str, Any], Peer], Reply]
-"""(what to do, whole request, who asks) → fields of the reply. Raises ControlRefused."""
+"""Takes (what to do, whole request, who asks) and returns the fields of the reply. Raises ControlRefused."""
 
 
 class ControlRefused(ProbewatchError):  # noqa: N818  an answer, as the operator reads it
-    """The service does not do what was asked."""
+    """Signals that the service does not do what was asked."""
 
     exit_code = 75
 
 
 @dataclass(slots=True, eq=False)
 class _Client:
-    """presses: the next request was there before the answer to the last one."""
+    """Represents a connected client. presses: the next request was there before the answer to the last one."""
 
     link: socket.socket
     who: Peer
@@ -84,13 +89,13 @@ class _Client:
 
     @property
     def waits(self) -> bool:
-        """Whether it waits for an answer to a whole request."""
+        """Returns whether the client waits for an answer to a whole request."""
         return b"\n" in self.received
 
 
 @dataclass(frozen=True, slots=True)
 class Owner:
-    """Who serves a socket, for the refusal where another one does. name: in the refusal after "another".
+    """Describes who serves a socket, for the refusal where another one does. name: follows "another" in the refusal.
     remedy: how that one is ended. where: what gave the path; "" for the key of the configuration.
     """
 
@@ -100,7 +105,7 @@ class Owner:
 
 
 class ControlServer(Closable):
-    """Holds the socket at `path`, mode 0660, of `group` if one is named, and of `users`, by id; a lock beside it, which
+    """Holds the socket at `path`, mode 0660, of `group` if one is named, and of `users`, by id. A lock beside it, which
     only its owner may open, keeps a second service out. owner: None for the service.
 
     Raises DeviceLost when another service runs, ConfigurationError when the socket cannot be made there.
@@ -119,7 +124,7 @@ class ControlServer(Closable):
         self.dropped_clients = 0
 
     def close(self) -> None:
-        """See Closable."""
+        """Drops all clients and removes the socket. See Closable."""
         for client in (*self._silent, *self._clients):
             self._drop(client)
         self._listener.close()
@@ -129,7 +134,7 @@ class ControlServer(Closable):
         os.close(self._lock_fd)
 
     def poll(self, answer: Answer, kept: int | None = None) -> None:
-        """Serve what is there now. kept: number of a connection that keeps its place."""
+        """Serves the requests that are there now. kept: number of a connection that keeps its place."""
         self._kept = kept
         self._keep_spare()
         for client in tuple(self._silent):
@@ -144,7 +149,7 @@ class ControlServer(Closable):
                 return
 
     def is_open(self, link: int) -> bool:
-        """Whether that connection is, as of the last poll."""
+        """Returns whether that connection was open at the last poll."""
         return any(client.who.link == link for client in (*self._clients, *self._silent))
 
     def _listen(self) -> socket.socket:
@@ -173,7 +178,7 @@ class ControlServer(Closable):
         return ConfigurationError(f"cannot be made ({error.strerror})", where, remedy)
 
     def _accept(self) -> bool:
-        """Take the next one of the queue and hear what it has said so far; False when there is none, or no place."""
+        """Accepts the next client of the queue and reads what it has sent; False when there is none, or no place."""
         if self._full() is None or (link := self._next_link()) is None:
             return False
         link.setblocking(False)
@@ -186,7 +191,7 @@ class ControlServer(Closable):
         return True
 
     def _hear(self, client: _Client) -> None:
-        """Who has asked something gets a place among those who are answered, as soon as one can be had."""
+        """Reads from a client; one that has asked gets a place among those that are answered once there is one."""
         try:
             self._read(client)
         except OSError:
@@ -199,10 +204,12 @@ class ControlServer(Closable):
             self._clients.append(client)
 
     def _full(self) -> list[_Client] | None:
-        """The client that leaves so that one more has a place; None where none does, so that it waits.
+        """Returns the client that leaves to make room for one more, [] when a place is free, None when no client leaves
+        and the new one waits.
 
-        Who presses, then of those who ask nothing, as long as they have most of the places: of the user who has most,
-        who came last. So a client that stays keeps its place while others come, ask, and need it no more.
+        A client that presses leaves first; then, as long as the clients that wait for no answer hold more than half of
+        the places, one of these: of the user who has the most connections, the one that connected last. So a client
+        that stays keeps its place while others come, ask, and no longer need theirs.
         """
         if len(self._clients) < _MOST_CLIENTS:
             return []
@@ -270,14 +277,16 @@ class ControlServer(Closable):
             client.link.close()
 
     def _keep_spare(self) -> None:
-        """Keep it, also later: a device that was being opened may have taken it while a client was accepted."""
+        """Opens the reserved descriptor again, if need be later: a device that was being opened may have taken it while
+        a client was accepted.
+        """
         if self._spare is None:
             with contextlib.suppress(OSError):
                 self._spare = os.dup(self._lock_fd)
 
 
 def _line(reply: Reply) -> bytes:
-    """What a device or a client said by a way that does not make it printable is made so here."""
+    """Returns the reply as a line, and makes printable what came from a device or a client by a way that does not."""
     return json.dumps(printable_value(reply), ensure_ascii=False).encode() + b"\n"
 
 

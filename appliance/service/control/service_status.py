@@ -1,4 +1,4 @@
-"""The whole status of the service, put together of what each part knows."""
+"""Assembles the whole status of the service from what each part knows."""
 
 from collections.abc import Callable
 from typing import Any
@@ -33,7 +33,7 @@ from probewatch.drivers.device_api import BUMPED
 
 
 class ServiceStatus:
-    """dropped_clients: how many the control server has dropped."""
+    """Assembles the status. dropped_clients: number of clients that the control server has dropped."""
 
     def __init__(
         self,
@@ -56,7 +56,7 @@ class ServiceStatus:
         self._hold, self._proposals = hold, proposals
 
     def fields(self, peer: Peer) -> dict[str, Any]:
-        """Fields as docs/control.md describes them, for this peer."""
+        """Returns the fields that docs/control.md describes, for this peer."""
         now_ns, seen, config = self._supervision.now_ns, self._supervision, self._configuration.config
         assert seen.alarm is not None
         testing = self._annunciator.testing(now_ns)

@@ -1,5 +1,4 @@
-"""The status that the control socket gives: plain numbers and words, NaN as null. docs/control.md describes every
-field."""
+"""Builds the status of the control socket: plain numbers and words, NaN as null; docs/control.md has every field."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -31,11 +30,12 @@ from probewatch.appliance.types import AlarmState, Check, Fault, State, Verdict
 
 NONE: Mapping[str, Shown] = MappingProxyType({})
 _SIMULATED = {"en": "SIMULATED · ", "de": "SIMULIERT · "}
-"""Before the text of every state while a source is no real device."""
+"""Precedes the text of every state while a source is not a real device."""
 
 
 def origin_fields(config: Config, config_file: Path, references: References) -> dict[str, Any]:
-    """What the verdicts rest on: the software, its configuration, the reference in force, and which sources are real.
+    """Returns what the verdicts rest on: the software, its configuration, the reference in force, and which sources are
+    real.
 
     reference: None while there is none; reference_waits says why.
     """
@@ -56,12 +56,12 @@ def origin_fields(config: Config, config_file: Path, references: References) -> 
 
 
 def configuration_fields(config: Config, config_file: Path) -> dict[str, str]:
-    """The configuration in force."""
+    """Returns the fields of the configuration in force."""
     return {"file": str(config_file.absolute()), "sha256": config.sha256}
 
 
 def noise_fields(config: Config) -> dict[str, Any] | None:
-    """Where the threshold of a name is from; None for the one that probewatch ships with."""
+    """Returns where the threshold of a name comes from; None for the one that probewatch ships with."""
     learned = config.learned_noise
     if learned is None:
         return None
@@ -77,12 +77,12 @@ def noise_fields(config: Config) -> dict[str, Any] | None:
 
 
 def reference_fields(reference: Reference) -> dict[str, Any]:
-    """Fields as appliance.storage.reference_store.Entry describes them."""
+    """Returns the fields that appliance.storage.reference_store.Entry describes."""
     return reference.entry.model_dump(mode="json")
 
 
 def _matrix_of(reference: Reference) -> dict[str, Any]:
-    """What the calibration is to PLUS, and the signs that its matrix does not show."""
+    """Returns the calibration as PLUS has it, and the signs that its matrix does not show."""
     calibration = reference.calibration
     return {"image_to_probe": image_to_probe(calibration).tolist(), "polarity": list(calibration.polarity)}
 
@@ -97,9 +97,9 @@ def alarm_fields(
     next_step: str = "",
     bumped: bool = False,
 ) -> dict[str, Any]:
-    """What is shown in the room, in its language. simulated: URLs of the sources that are no real device. wanted:
-    motion that is still asked for. shown_now: of `shown_of_each`. next_step: of the reference, before which no motion
-    helps. bumped: the tracker waits for a person to look at its position sensor.
+    """Returns what is shown in the room, in its language. simulated: URLs of the sources that are not real devices.
+    wanted: motion that is still required. shown_now: that of `shown_of_each`. next_step: of the reference, before which
+    no motion helps. bumped: the tracker waits for a person to check its position sensor.
     """
     text, remedy = operator_text(alarm.state, alarm.fault, language, Fault.OVERLOADED in alarm.notices)
     text += _carried_by(alarm, shown_now, language)
@@ -132,7 +132,7 @@ def alarm_fields(
 
 
 def _carried_by(alarm: AlarmState, shown_now: Mapping[str, Shown], language: str) -> str:
-    """What a verified calibration rests on, where that is not the present motion alone."""
+    """Returns the addition to the text of a verified calibration that does not rest on the present motion alone."""
     carried = [one is Shown.CARRIED for one in shown_now.values()]
     if alarm.state is not State.MONITORING or not any(carried):
         return ""
@@ -140,7 +140,7 @@ def _carried_by(alarm: AlarmState, shown_now: Mapping[str, Shown], language: str
 
 
 def ages_at_rest(verdict: Verdict | None, ages_ns: Mapping[str, int], most_ns: int) -> dict[str, int]:
-    """The ages with what the probe has rested since; most_ns: max_verification_age, which no rest extends."""
+    """Returns the ages plus the time that the probe has rested since, up to most_ns: max_verification_age."""
     rested_ns = {check.name: check.rested_ns for check in (() if verdict is None else verdict.checks)}
     return {name: min(age_ns + rested_ns.get(name, 0), most_ns) for name, age_ns in ages_ns.items()}
 
@@ -148,10 +148,10 @@ def ages_at_rest(verdict: Verdict | None, ages_ns: Mapping[str, int], most_ns: i
 def shown_of_each(
     now_ns: int, alarm: AlarmState, verdict: Verdict | None, ages_ns: Mapping[str, int]
 ) -> dict[str, Shown]:
-    """How each parameter that is asked for was shown. What was shown before the last disturbance, or too long ago, is
+    """Returns how each required parameter was shown. What was shown before the last disturbance, or too long ago, is
     missing.
 
-    ages_ns: of each, how old the motion may be that showed it.
+    ages_ns: for each parameter, how old the motion that showed it may be.
     """
     checks = {check.name: check for check in (() if verdict is None else verdict.checks)}
     return {
@@ -167,7 +167,7 @@ def check_lists(
     ages_ns: Mapping[str, int] = MappingProxyType({}),
     shown_now: Mapping[str, Shown] = NONE,
 ) -> dict[str, Any]:
-    """What the line and the device watchers see. ages_ns, shown_now: as `shown_of_each` has them."""
+    """Returns what the line and the device watchers see. ages_ns, shown_now: as in `shown_of_each`."""
     seen = () if verdict is None else verdict.checks
     return {
         "verdict": None if verdict is None else verdict.kind.value,
@@ -180,7 +180,7 @@ def check_lists(
 def point_known(
     now_ns: int, alarm: AlarmState, verdict: Verdict | None, limits: Limits, most_ns: int
 ) -> dict[str, Any]:
-    """The error of a point, of motion since the last disturbance that is not older than most_ns, and its limit."""
+    """Returns the error of a point and its limit; motion counts after the last disturbance and up to most_ns of age."""
     point = None if verdict is None else verdict.point
     if point is not None and not max(alarm.barrier_ns + 1, now_ns - most_ns) <= point.shown_ns <= now_ns:
         point = None
@@ -188,7 +188,7 @@ def point_known(
 
 
 def _line_check(now_ns: int, check: Check, age_ns: int | None, shown_now: Shown | None) -> dict[str, Any]:
-    """age_ns: how old the motion that showed it may be; None where the contact does not ask for it."""
+    """Returns the fields of a check. age_ns: how old its motion may be; None where the contact does not require it."""
     return {
         **check_fields(now_ns, check),
         "max_age_s": None if age_ns is None else age_ns / 1e9,
@@ -198,7 +198,7 @@ def _line_check(now_ns: int, check: Check, age_ns: int | None, shown_now: Shown 
 
 
 def audio_fields(now_ns: int, sound: Sound | None, testing: bool) -> dict[str, Any]:
-    """Whether the alarm may sound, and why not."""
+    """Returns whether the alarm may sound, and why not."""
     if sound is None:
         return {"mode": "on", "left_s": None, "reason": "", "lamp_test": testing}
     left_s = None if sound.until_ns is None else (sound.until_ns - now_ns) / 1e9
@@ -206,7 +206,7 @@ def audio_fields(now_ns: int, sound: Sound | None, testing: bool) -> dict[str, A
 
 
 def output_fields(outputs: Sequence[OutputThread]) -> list[dict[str, Any]]:
-    """Each output, what it shows and how quickly it did."""
+    """Returns the fields of each output: what it shows, and how quickly it did so."""
     return [
         {
             "url": output.url,
@@ -221,7 +221,7 @@ def output_fields(outputs: Sequence[OutputThread]) -> list[dict[str, Any]]:
 
 
 def log_fields(recorder: Recorder) -> dict[str, Any]:
-    """How far the alarm log is on the disk."""
+    """Returns how far the alarm log has been written to the disk."""
     return {
         "entries": recorder.written,
         "waiting": recorder.waiting,

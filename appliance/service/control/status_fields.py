@@ -1,7 +1,7 @@
-"""The fields of the status, one row each. Pure.
+"""Lists the fields of the status, one row each. Pure.
 
-`service_status.py` gives each field its value. Of the rows are made the table of docs/control.md, the metrics of one
-field, what MQTT publishes as it is, the lists of both in docs/monitoring.md, and lines of `probewatch status`. Tested
+`service_status.py` gives each field its value. The rows produce the table of docs/control.md, the metrics made of one
+field, what MQTT publishes unchanged, the lists of both in docs/monitoring.md, and lines of `probewatch status`. Tested
 against a running service in tests/appliance/service/test_daemon.py.
 """
 
@@ -10,7 +10,7 @@ from enum import Enum
 
 
 class Kind(Enum):
-    """How a metric represents the value of its field."""
+    """Names how a metric represents the value of its field."""
 
     GAUGE = "the number; left out while it is null"
     COUNTER = "the number, which only rises"
@@ -20,7 +20,7 @@ class Kind(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Metric:
-    """A metric made of one field. name: without probewatch_ and _total. help: for Prometheus."""
+    """Describes a metric made of one field. name: without probewatch_ and _total. help: for Prometheus."""
 
     name: str
     kind: Kind
@@ -29,8 +29,8 @@ class Metric:
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """A line of `probewatch status`, left out while the field is null; {} is its value, as str.format has it. de: in
-    German; empty where the value is a sentence that stays English. One that begins with ! is yellow.
+    """Describes a line of `probewatch status`, left out while the field is null. {} is the value, as in str.format. de:
+    in German; empty where the value is a sentence that stays English. A line that begins with ! is yellow.
     """
 
     en: str
@@ -39,10 +39,10 @@ class Line:
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """One field. type, meaning: as docs/control.md has them. parts: the fields inside an object, which have no type of
-    their own there and whose meaning follows their name. mqtt: published as it is; not of parts. line: for
-    `probewatch status`. later: a service of an earlier version does not have it, so that readers leave it out instead
-    of calling the whole status unknown.
+    """Describes one field. type, meaning: as in docs/control.md. parts: the fields inside an object; they have no type
+    of their own there, and their meaning follows their name. mqtt: published unchanged; not for parts. line: for
+    `probewatch status`. later: services of earlier versions do not have it, so that readers leave it out instead of
+    calling the whole status unknown.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""The supervisor in service: what was judged last, the state in force, and what follows from a change of it."""
+"""Runs the supervisor in the service: holds the last verdict and the state in force, and acts on a change of state."""
 
 from collections import Counter
 from collections.abc import Callable
@@ -14,15 +14,16 @@ from probewatch.appliance.supervision.supervisor import LATCHED, Durations, Inpu
 from probewatch.appliance.types import AlarmState, Check, Fault, State, Verdict
 
 Follow = Callable[[State, State], None]
-"""(state before, state after) of every step but the first."""
+"""Takes (state before, state after) of every step but the first."""
 
 
 class Supervision:
-    """now_ns: time of the tick, before the first that of the start, started_ns.
+    """Runs the supervisor, tick by tick.
 
-    verdict: of the line, None while the estimator does not speak. heard_ns: last word of the present estimator process.
-    devices: checks of the device watchers. alarm: the state in force, None before the first step. follow: is called
-    with every step. alarms: how often each hazard has come to cause the state, or to be a notice beside it.
+    now_ns: time of the tick; before the first tick, that of the start, started_ns. verdict: that of the line, None
+    while the estimator does not report. heard_ns: time of the last report of the present estimator process. devices:
+    checks of the device watchers. alarm: the state in force, None before the first step. follow: is called with every
+    step. alarms: how often each hazard came to cause the state, or to be a notice beside it.
     """
 
     def __init__(
@@ -43,20 +44,20 @@ class Supervision:
         return self.alarm is not None and self.alarm.state is State.RECALIBRATING
 
     def hear(self, now_ns: int, heard: bool, speaking: bool, verdicts: tuple[Verdict, ...]) -> None:
-        """What the estimator said since the last tick; what a process that has died said is forgotten."""
+        """Takes what the estimator reported since the last tick; reports of a process that has died are forgotten."""
         if heard or not speaking:
             self.heard_ns = now_ns if heard else None
             self.verdict = self.verdict if heard else None
         self.verdict = verdicts[-1] if verdicts else self.verdict
 
     def step(self, now_ns: int, verdicts: tuple[Verdict, ...], devices: tuple[Check, ...]) -> AlarmState:
-        """One tick of the supervisor."""
+        """Performs one tick of the supervisor."""
         self.now_ns, self.devices = now_ns, devices
         return self._step(Inputs(verdicts, devices))
 
     def ask(self, request: Request) -> AlarmState | None:
-        """Put a person's request to the supervisor, at once; the alarm that was in force then, None before the first
-        step. Raises ControlRefused.
+        """Passes a person's request to the supervisor, without delay. Returns the alarm that was in force then, None
+        before the first step. Raises ControlRefused.
         """
         before = self.alarm
         self._step(Inputs(devices=self.devices, request=request))
@@ -81,7 +82,7 @@ class Supervision:
         return alarm
 
     def _count(self, before: AlarmState | None, alarm: AlarmState) -> None:
-        """A hazard that goes from warning to halt is one."""
+        """Counts the hazards that are new; one that rises from warning to halt counts once."""
         known = () if before is None else (before.fault, *before.notices)
         for hazard in dict.fromkeys((alarm.fault, *alarm.notices)):
             if hazard is not None and hazard not in known:
@@ -89,9 +90,7 @@ class Supervision:
 
 
 def supervisor_after(latch: Latch | None, durations: Durations) -> Supervisor:
-    """The supervisor in the state that was latched when the last run ended; one that only another version knows counts
-    as a HALT.
-    """
+    """Returns the supervisor in the state that the last run left latched, HALT where this version does not know it."""
     if latch is None:
         return Supervisor(durations)
     state = next((state for state in LATCHED if state.value == latch.state), State.HALT)

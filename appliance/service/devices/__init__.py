@@ -1,1 +1,1 @@
-"""The threads that keep devices open, so that the tick need not wait for one."""
+"""Holds the threads that keep devices open, so that the tick need not wait for a device."""

@@ -1,4 +1,4 @@
-"""The threads of all devices of the cart: scanner, tracker, outputs."""
+"""Owns the threads of all devices of the cart: scanner, tracker, outputs."""
 
 from collections import Counter
 from collections.abc import Callable, Mapping
@@ -16,12 +16,12 @@ from probewatch.drivers.registry import open_output, open_tracker, open_video
 from probewatch.drivers.samples import Sample
 
 _JOIN_S = 1.0
-"""For which the end waits for the thread of a device that hangs: a good one ends within its read of .1 s."""
+"""s, how long the end waits for the thread of a device that hangs: a good one ends within its read of 0.1 s."""
 
 
 @dataclass(frozen=True, slots=True)
 class Openers:
-    """Each from a URL; drivers.registry says what they raise."""
+    """Holds the functions that open a device from its URL; drivers.registry states what they raise."""
 
     video: Callable[[str, HostClock], VideoSource] = open_video
     tracker: Callable[[str, HostClock], TrackerSource] = open_tracker
@@ -29,7 +29,7 @@ class Openers:
 
 
 class CartDevices:
-    """deliver: takes each sample of scanner and tracker; it never blocks. openers: of the devices."""
+    """Owns the threads of the devices. deliver: takes each sample of scanner and tracker; never blocks."""
 
     def __init__(self, config: Config, deliver: Callable[[Sample], None], clock: HostClock, openers: Openers) -> None:
         self.video = CaptureThread("video", config.video.url, openers.video, deliver, clock)
@@ -39,62 +39,62 @@ class CartDevices:
         self._fps = {"video": RateMeter(), "tracker": RateMeter()}
 
     def start(self) -> None:
-        """Open all of them, each in its thread."""
+        """Opens all devices, each in its thread."""
         for thread in self.threads:
             thread.start()
 
     def close(self) -> None:
-        """Outputs first; a device that hangs is left behind after a second."""
+        """Closes the devices, outputs first; the thread of a device that hangs is abandoned after a second."""
         for thread in self.threads:
             thread.stop()
         for thread in self.threads:
             thread.join(_JOIN_S)
 
     def command(self, energised: Mapping[Role, bool], since_ns: int) -> None:
-        """Each output shows its signal. since_ns: when what may have changed it was found out."""
+        """Commands each output to show its signal. since_ns: when the cause of a change became known."""
         for output in self.outputs:
             output.command(energised[output.signal], since_ns)
 
     def note_overload(self, since_ns: int | None) -> None:
-        """Note since when this computer is short of time; None while it is not."""
+        """Records since when this computer has been short of time; None while it is not."""
         for thread in self.threads:
             thread.overload_ns = since_ns
 
     def note_rates(self, now_ns: int) -> None:
-        """Note the rates, once a tick."""
+        """Updates the sample rates, once a tick."""
         self._fps["video"].note(now_ns, self.video.samples)
         self._fps["tracker"].note(now_ns, self.tracker.samples)
 
     @property
     def failures(self) -> tuple[BaseException | None, ...]:
-        """Failure of each thread, see DeviceThread."""
+        """Returns the failure of each thread, see DeviceThread."""
         return tuple(thread.failure for thread in self.threads)
 
     @property
     def fps(self) -> dict[str, float]:
-        """Samples per second of scanner and tracker."""
+        """Returns the samples per second of scanner and tracker."""
         return {name: round(meter.per_s, 2) for name, meter in self._fps.items()}
 
     @property
     def output_ns(self) -> int | None:
-        """Last completed write of the output that lags most; None while one has completed none."""
+        """Returns the last completed write of the output that lags most; None while one has completed none."""
         written = [output.written_ns for output in self.outputs]
         known = [written_ns for written_ns in written if written_ns is not None]
         return min(known) if len(known) == len(written) else None
 
     @property
     def writes(self) -> int:
-        """Completed, of all outputs together."""
+        """Returns the number of completed writes of all outputs together."""
         return sum(output.writes for output in self.outputs)
 
     @property
     def losses(self) -> int:
-        """How often a device was lost since the start."""
+        """Returns how often a device was lost since the start."""
         return sum(thread.losses for thread in self.threads)
 
     @property
     def losses_by_role(self) -> dict[str, int]:
-        """The same of the scanner, the tracker, and all outputs together."""
+        """Returns the losses of the scanner, of the tracker, and of all outputs together."""
         losses = Counter[str]()
         for thread in self.threads:
             losses[thread.role] += thread.losses
@@ -102,5 +102,5 @@ class CartDevices:
 
     @property
     def lost(self) -> dict[str, str]:
-        """What is wrong with each device that is lost now."""
+        """Returns what is wrong with each device that is lost now."""
         return {f"{one.role} {one.url}": one.lost for one in self.threads if one.lost is not None}

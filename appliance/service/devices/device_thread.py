@@ -1,4 +1,4 @@
-"""A thread that keeps one device open: it blocks in the kernel so that the tick need not."""
+"""Keeps one device open in a thread, which blocks in the kernel so that the tick need not."""
 
 import threading
 from abc import ABC, abstractmethod
@@ -12,11 +12,12 @@ from probewatch.drivers.errors import EXHAUSTED, DeviceLost, ProbewatchError, Pr
 
 
 class DeviceThread(threading.Thread, ABC):
-    """Opens, works, and after a loss opens again with capped backoff; logs once that it is lost, once that it is back.
+    """Opens the device, works, and opens it again after a loss, with capped backoff; logs once that it is lost, and
+    once that it is back.
 
-    failure: an error of ours, or a configuration that can never work; the tick raises it. lost: what is wrong, in
-    words, while the device is lost. losses: how often it was lost. overload_ns: since when this computer is short of
-    time; from then on the first loss is said and the others are only counted.
+    failure: the exception that has ended the thread, such as for a configuration that can never work; the tick raises
+    it. lost: what is wrong, in words, while the device is lost. losses: how often it was lost. overload_ns: since when
+    this computer has been short of time; from then on the first loss is logged and the others are only counted.
     """
 
     def __init__(self, role: str, url: str, clock: HostClock) -> None:
@@ -34,7 +35,7 @@ class DeviceThread(threading.Thread, ABC):
         self._said = False
 
     def stop(self) -> None:
-        """Ask the thread to close its device and end."""
+        """Asks the thread to close its device and end."""
         self._stopping.set()
 
     def run(self) -> None:
@@ -46,7 +47,7 @@ class DeviceThread(threading.Thread, ABC):
 
     @abstractmethod
     def work(self) -> None:
-        """Open the device and use it until stopped. Raises DeviceLost, ProtocolError."""
+        """Opens the device and uses it until stopped. Raises DeviceLost, ProtocolError."""
 
     def _keep_open(self) -> None:
         try:
@@ -81,7 +82,7 @@ class DeviceThread(threading.Thread, ABC):
         self._log.warning("device lost", **{"what": error.what, "where": error.where, "remedy": error.remedy} | why)
 
     def note_success(self) -> None:
-        """The device has just done its work."""
+        """Records that the device has just done its work."""
         self._backoff.reset()
         if self.lost is not None:
             self.lost = None
@@ -90,8 +91,8 @@ class DeviceThread(threading.Thread, ABC):
 
 
 def _want_behind(error: BaseException | None) -> str | None:
-    """The kernel's word that descriptors or memory have run out, if that is what the error comes from: a driver that
-    cannot read a file of its configuration then calls it unreadable, which would be for good.
+    """Returns the kernel's message that descriptors or memory have run out, if that caused the error. A driver that
+    cannot read a file of its configuration for this reason calls the file unreadable, which would count as permanent.
     """
     while error is not None:
         if isinstance(error, OSError) and error.errno in EXHAUSTED:

@@ -1,4 +1,4 @@
-"""One thread for each alarm output, so that one that hangs holds up neither the tick nor the others."""
+"""Drives each alarm output in a thread of its own, so that one that hangs delays neither the tick nor the others."""
 
 import threading
 from collections.abc import Callable
@@ -11,18 +11,18 @@ from probewatch.drivers.clock.host_clock import HostClock
 from probewatch.drivers.device_api import AlarmOutput
 
 _COMMAND_LIFE_S = 0.25
-"""How long a command holds an output: five ticks. Longer keeps the contact closed after a tick that hangs; shorter
-opens it for a tick that is late (docs/failures.md).
+"""s, how long a command holds an output: five ticks. More keeps the contact closed after a tick that hangs; less opens
+it for a tick that is late (docs/failures.md).
 """
 _BOUNDS_MS = (1.0, 2.0, 5.0, 10.0, 20.0, 30.0, 50.0, 75.0, 100.0, 150.0, 250.0, 500.0, 1000.0)
-"""Bounds of the histogram of delays: a relay on a serial port needs some ms, a late tick some ten, and 250 is the life
-of a command.
+"""ms, bounds of the histogram of delays: a relay on a serial port needs some ms, a late tick some ten, and 250 is the
+lifetime of a command.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class _Command:
-    """commanded_ns: when the tick gave it, CLOCK_MONOTONIC."""
+    """Holds a command. given_ns: when its cause became known. commanded_ns: when it was given, CLOCK_MONOTONIC."""
 
     energised: bool
     given_ns: int
@@ -32,9 +32,9 @@ class _Command:
 class OutputThread(DeviceThread):
     """Writes the last command of the tick; without a fresh one, as when the tick hangs, it writes de-energised.
 
-    signal: what it shows. written_ns: time of the last completed write. writes: how many. energised: what was written
-    last, None before and after a loss. slowest_ms, delays: longest time from what asked for a change to the completed
-    write, and all of them, counted.
+    signal: the signal that the output shows. written_ns: time of the last completed write. writes: number of writes.
+    energised: what was written last, None before the first write and after a loss. slowest_ms, delays: longest time
+    from what caused a change to the completed write, and the histogram of all of them.
     """
 
     def __init__(
@@ -53,9 +53,7 @@ class OutputThread(DeviceThread):
         self.delays = DelayHistogram(_BOUNDS_MS)
 
     def command(self, energised: bool, given_ns: int) -> None:
-        """Command it from the tick; never blocks. given_ns: when that was found out, from which the delay is
-        counted.
-        """
+        """Sets the command; never blocks. given_ns: when its cause became known, from which the delay counts."""
         self._command = _Command(energised, given_ns, self._clock.real_ns())
         self._wake.set()
 
@@ -72,7 +70,7 @@ class OutputThread(DeviceThread):
             self.energised = False if self._stopping.is_set() else None  # what a lost output shows is not known
 
     def _next(self) -> _Command:
-        """The command just given, or de-energised when none was given in time."""
+        """Returns the command just given, or de-energised when none was given in time."""
         given = self._clock.wait(self._wake, self._life_s)
         self._wake.clear()
         command, now_ns = self._command, self._clock.real_ns()

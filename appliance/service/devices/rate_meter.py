@@ -1,8 +1,8 @@
-"""Events per second over the last whole window."""
+"""Measures events per second over the last whole window."""
 
 
 class RateMeter:
-    """Fed with a running count; per_s is 0 until the first window is full."""
+    """Computes a rate from a running count; per_s is 0 until the first window is full."""
 
     def __init__(self, window_ns: int = 1_000_000_000) -> None:
         self._window_ns = window_ns
@@ -10,7 +10,7 @@ class RateMeter:
         self.per_s = 0.0
 
     def note(self, now_ns: int, count: int) -> None:
-        """count: events since the beginning of time."""
+        """Takes the running count. count: all events so far."""
         if self._start is None:
             self._start = (now_ns, count)
         start_ns, start_count = self._start

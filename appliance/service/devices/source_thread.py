@@ -1,4 +1,4 @@
-"""Capture and tracker threads: read a source, note the arrival, hand the sample on."""
+"""Runs the capture and tracker threads: each reads a source, notes the arrival of a sample and passes it on."""
 
 import threading
 from collections import deque
@@ -15,24 +15,24 @@ from probewatch.drivers.errors import DeviceLost
 from probewatch.drivers.samples import Frame, MarkerBody, Pose, Sample
 
 _READ_S = 0.1
-"""For which a read waits. Longer lets the end and what a person asks of the tracker wait; shorter costs wake-ups."""
+"""s, the timeout of a read. More delays the end and a person's requests to the tracker; less costs wake-ups."""
 _REOPEN_AFTER_NS = 3_000_000_000
-"""Silence after which an open device is opened again. The alarm does not wait for it (`Timeouts`). Shorter interrupts a
-device that is about to go on; longer is part of the time to recover.
+"""ns of silence after which an open device is opened again. The alarm does not wait for it (`Timeouts`). Less
+interrupts a device that is about to resume; more adds to the time to recover.
 """
 _LOOK_NS = 200_000_000
 _LOOKS = 5
-"""The marker body is looked at so often, and the median of so many looks counts: one second, in which two bad fits are
-outvoted. More reports a bent body later.
+"""The marker body is checked every _LOOK_NS, and the median of _LOOKS checks counts: one second, in which two bad fits
+are outvoted. More reports a bent body later.
 """
 _LISTEN_NS = 1_000_000_000
-"""Between two looks at what a tracker remarks, such as a low battery: for a person to read."""
+"""ns between two reads of a tracker's remarks, such as a low battery, which are for a person to read."""
 
 
 class SourceThread(DeviceThread):
-    """deliver takes each sample; it never blocks, and raises ValueError for one too large to pass on.
+    """Reads a source. deliver takes each sample; it never blocks, and raises ValueError for one too large to pass on.
 
-    samples: passed on. early_stamps: refused, since they were stamped later than they arrived.
+    samples: number passed on. early_stamps: number refused because they were stamped later than they arrived.
     """
 
     def __init__(
@@ -48,11 +48,11 @@ class SourceThread(DeviceThread):
         self.samples = self.early_stamps = 0
 
     def note(self, sample: Sample, now_ns: int) -> None:
-        """Keep what the watchers need to know of this sample."""
+        """Keeps what the watchers need to know about this sample."""
         raise NotImplementedError
 
     def tend(self, source: VideoSource | TrackerSource) -> None:
-        """What is to be done with the open device between two reads; nothing unless a kind of source says otherwise."""
+        """Serves the open device between two reads; does nothing unless a kind of source overrides it."""
 
     def work(self) -> None:
         with self._open(self.url, self._clock) as source:
@@ -68,7 +68,7 @@ class SourceThread(DeviceThread):
                     raise self._silent(source)
 
     def _silent(self, source: VideoSource | TrackerSource) -> DeviceLost:
-        """A server that sends other things by other names has no cable to check."""
+        """Returns the error for a silent source. A server that sends data by other names has no cable to check."""
         described = source.describe() if isinstance(source, Identified) else Description("")
         if described.absent:
             return DeviceLost(described.absent, self.url, described.remedy)
@@ -95,8 +95,8 @@ class SourceThread(DeviceThread):
 
 
 class CaptureThread(SourceThread):
-    """frame_ns: arrival of the last frame. size_px: (width, height) of the last one that the line can use. gaps: frames
-    that the device counted and that never came.
+    """Reads the scanner. frame_ns: arrival of the last frame. size_px: (width, height) of the last frame that the line
+    can use. gaps: frames that the device counted and that never came.
     """
 
     frame_ns: int | None = None
@@ -115,9 +115,9 @@ class CaptureThread(SourceThread):
 
 
 class TrackerThread(SourceThread):
-    """Replies and body as appliance.supervision.device_health.DeviceHealth names them.
+    """Reads the tracker. replies, body: as in appliance.supervision.device_health.DeviceHealth.
 
-    remarks: what the tracker says besides its poses, such as a low battery; first why the last pose has no number.
+    remarks: what the tracker reports besides its poses, such as a low battery; first, why the last pose has no number.
     """
 
     replies = Replies()
@@ -147,7 +147,7 @@ class TrackerThread(SourceThread):
         self.replies, self._reason = self.replies.noted(sample.status, now_ns), sample.reason
 
     def tend(self, source: VideoSource | TrackerSource) -> None:
-        """Read now and then what it says of itself, and report to it a bump that was checked."""
+        """Reads the tracker's report of its own condition at intervals, and clears a bump that a person has checked."""
         now_ns = self._clock.now_ns()
         if now_ns < self._look_ns:
             return
@@ -164,7 +164,7 @@ class TrackerThread(SourceThread):
             self._log.info("bump cleared")
 
     def clear_bump(self) -> bool:
-        """Ask the open tracker to believe its position sensor again; False where there is none that can be asked."""
+        """Asks the open tracker to trust its position sensor again; returns False where no tracker can be asked."""
         if self._has_bump_detector:
             self._bump_checked.set()
         return self._has_bump_detector
@@ -176,7 +176,7 @@ class TrackerThread(SourceThread):
 
 
 def _middle(bodies: Iterable[MarkerBody]) -> MarkerBody:
-    """The median of each figure, so that one bad fit is not taken for a bad body."""
+    """Returns the median of each figure, so that one bad fit is not taken for a bad body."""
     fits, shapes, indicators = zip(*((b.fit_mm, b.shape_mm, b.indicator) for b in bodies), strict=True)
     return MarkerBody(*(_median(figures) for figures in (fits, shapes, indicators)))
 

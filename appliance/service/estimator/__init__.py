@@ -1,1 +1,1 @@
-"""Both sides of the process that computes: its start and end, the rings and the link to it, its loop."""
+"""Holds both sides of the estimator process: its start and end, the rings and the link to it, and its loop."""

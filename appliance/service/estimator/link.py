@@ -1,4 +1,4 @@
-"""What the two processes say to each other: one message a packet, over a socket pair that keeps message bounds."""
+"""Defines the messages between the two processes: one a packet, over a socket pair that keeps message boundaries."""
 
 import pickle
 import socket
@@ -9,16 +9,17 @@ from probewatch.appliance.types import Verdict
 from probewatch.drivers.samples import Matrix4
 
 _LONGEST = 1 << 17
-"""Bytes of a message; a longer one would be cut. 64 verdicts, as many as `Pairing` lets wait, of 19 checks each came to
-85 kB.
+"""Bytes, the longest message; more would be truncated. 64 verdicts, as many as `Pairing` lets wait, of 19 checks each
+came to 85 kB.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class EstimatorReport:
-    """Estimator → hardware process, at least ten times a second. The counts are since the estimator's start.
+    """Reports from the estimator to the hardware process, at least ten times a second.
 
-    sent_ns: CLOCK_MONOTONIC when it was sent. relative_pose: as of `EstimatorSettings`, as it is known now.
+    The counts run from the estimator's start. sent_ns: CLOCK_MONOTONIC when the report was sent. relative_pose: as in
+    `EstimatorSettings`, as far as it is known now.
     """
 
     generation: int
@@ -35,16 +36,16 @@ Message = EstimatorSettings | EstimatorReport
 
 
 class LinkClosed(Exception):  # noqa: N818  an event, not a fault
-    """The peer has gone."""
+    """Signals that the peer has gone."""
 
 
 def link_pair() -> tuple[socket.socket, socket.socket]:
-    """Two connected ends."""
+    """Returns two connected ends."""
     return socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
 
 
 def send(link: socket.socket, message: Message) -> None:
-    """Blocks, or not, as the socket does. Raises LinkClosed, BlockingIOError."""
+    """Sends a message; whether it blocks depends on the socket. Raises LinkClosed, BlockingIOError."""
     try:
         link.send(pickle.dumps(message))
     except (BrokenPipeError, ConnectionResetError) as error:
@@ -52,7 +53,7 @@ def send(link: socket.socket, message: Message) -> None:
 
 
 def receive(link: socket.socket) -> Message | None:
-    """The next message, None when there is none now. Never blocks. Raises LinkClosed."""
+    """Returns the next message, or None when none is waiting. Never blocks. Raises LinkClosed."""
     try:
         packet = link.recv(_LONGEST, socket.MSG_DONTWAIT)
     except BlockingIOError:

@@ -1,4 +1,4 @@
-"""The loop of the process that computes: samples in from two rings, verdicts out over the link. It opens no device."""
+"""Runs the loop of the estimator process: samples in from two rings, verdicts out over the link. It opens no device."""
 
 import math
 import select
@@ -18,11 +18,13 @@ from probewatch.appliance.types import Calibration, Verdict
 from probewatch.drivers.samples import Matrix4, Sample
 
 _REPORT_EVERY_NS = 100_000_000
-"""Between two reports where there is no verdict: ten must be missing before `Timeouts.estimator_ns` calls it silent."""
+"""ns, the interval between reports while there is no verdict. Ten must be missing before `Timeouts.estimator_ns` counts
+the estimator as silent.
+"""
 
 
 class Stepper(Protocol):
-    """The line, as this process sees it."""
+    """Describes the line as this process sees it."""
 
     @property
     def relative_pose(self) -> Matrix4 | None: ...
@@ -31,14 +33,14 @@ class Stepper(Protocol):
 
 
 MakeLine = Callable[[Calibration, Limits, int, Matrix4 | None], Stepper]
-"""(reference, limits, stale_ns, relative_pose), as `EstimatorSettings` has them."""
+"""Makes a line from (reference, limits, stale_ns, relative_pose), which are those of `EstimatorSettings`."""
 
 
 class Estimator:
-    """The loop around the line. A sample or new settings wake it.
+    """Runs the loop around the line. A sample or new settings wake it.
 
-    It reports at once when there is a verdict, and every 0.1 s when there is none. tap: gets every step after that;
-    None where no client may connect. real_ns: CLOCK_MONOTONIC.
+    It reports at once when there is a verdict, and every 0.1 s when there is none. tap: receives every step after that
+    report; None where no client may connect. real_ns: CLOCK_MONOTONIC.
     """
 
     def __init__(
@@ -62,7 +64,7 @@ class Estimator:
             self._waking.register(source, select.POLLIN)
 
     def run(self) -> None:
-        """Run until the peer closes the link."""
+        """Runs until the peer closes the link."""
         readable = True
         try:
             while True:
@@ -72,7 +74,8 @@ class Estimator:
             return
 
     def step(self, readable: bool = True) -> None:
-        """Take what is there, and report where a report is due; never waits. readable: the link has something to read.
+        """Takes the samples that are there and reports if a report is due; never waits. readable: the link has
+        something to read.
 
         Raises LinkClosed.
         """
@@ -103,12 +106,12 @@ class Estimator:
                 tap.publish(sample, verdicts)
 
     def _discard(self) -> None:
-        """What came before there was anyone to take it is old, and not counted."""
+        """Discards, uncounted, what came before there was anyone to take it: it is old."""
         for ring in (self._frames, self._poses):
             ring.discard()
 
     def _take(self) -> list[Sample]:
-        """Both streams merged by the time at which they were true."""
+        """Returns both streams merged by the time at which the samples were true."""
         samples: list[Sample] = []
         for index, ring in enumerate((self._frames, self._poses)):
             taken, dropped = ring.take()
@@ -118,7 +121,7 @@ class Estimator:
         return sorted(samples, key=lambda sample: sample.stamp.t_ns)
 
     def _wait(self) -> bool:
-        """Wait for a sample, settings or the next report. Whether the link has settings, or has closed."""
+        """Waits for a sample, settings or the next report. Returns whether the link has settings or has closed."""
         pending = self._frames.pending or self._poses.pending
         left_ns = 0 if pending else self._reported_ns + _REPORT_EVERY_NS - self._real_ns()
         ready = self._waking.poll(max(0, math.ceil(left_ns / 1e6)))
@@ -139,12 +142,14 @@ class Estimator:
 
 
 def serve(arguments: list[str], make_line: MakeLine) -> None:
-    """Body of the process. arguments: the file descriptors of the link, then three of each ring, frames first; then
-    those of the tap, if anybody may look on.
+    """Runs the body of the process.
+
+    arguments: the file descriptors of the link, then three of each ring, frames first; then those of the tap, if any
+    client may connect to the feed.
     """
     link_fd, *ring_fds = (int(argument) for argument in arguments)
     tap = Tap(TapFds.of(ring_fds[6:])) if ring_fds[6:] else None
-    end_with_parent(signal.SIGKILL)  # a parent that died before has closed the link
+    end_with_parent(signal.SIGKILL)  # if the parent died before this call, it has closed the link
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     with (
         socket.socket(fileno=link_fd) as link,

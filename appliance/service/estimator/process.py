@@ -1,5 +1,6 @@
-"""The process that computes, started by process_host: `-m probewatch.appliance.service.estimator.process FD…`, see
-loop.serve."""
+"""Runs the estimator process. process_host starts it with `-m probewatch.appliance.service.estimator.process FD…`;
+loop.serve reads the descriptors.
+"""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""The hardware process's side of the estimator: starts it, hears it without waiting, restarts it when dead or hung."""
+"""Starts the estimator, receives its reports without waiting, and restarts it when it is dead or hung."""
 
 import math
 import os
@@ -26,25 +26,25 @@ from probewatch.drivers.samples import Frame, Matrix4, Sample
 
 _COMMAND = (sys.executable, "-m", "probewatch.appliance.service.estimator.process")
 _FIRST_WAIT_S, _LONGEST_WAIT_S = 0.1, 5.0
-"""Before a new process is started, doubled each time one does not last. Longer leaves the contact open for longer;
-shorter spends the processor on what cannot start.
+"""s, the first and the longest wait before a new process is started; the wait doubles each time a process does not
+last. More leaves the contact open for longer; less spends the processor on a process that cannot start.
 """
 _HUNG_S, _LOADING_S = 5.0, 60.0
-"""Silence after which it is killed: once it has spoken, and while it loads its libraries from a slow disk. The contact
-is open by then (`Timeouts.estimator_ns`, `BEHIND_NS`), so these cost only recovery: shorter would kill one that is
-merely slow.
+"""s, the silence after which the process is killed: once it has reported, and while it loads its libraries from a slow
+disk. The contact is open by then (`Timeouts.estimator_ns`, `BEHIND_NS`), so these cost only recovery time; less would
+kill a process that is merely slow.
 """
 _WORKING_S = 0.3
-"""Silence up to which the estimator counts as working: three of its reports."""
+"""s, the silence up to which the estimator counts as working: three of its reports."""
 _REAP_TIMEOUT_S, _LAST_REAP_TIMEOUT_S = 0.05, 1.0
-"""How long a killed process is waited for: in a tick, of which it may take one; at the end of the service. One that
-does not die by then is looked for again each tick.
+"""s, how long to wait for a killed process: during a tick, of which it may take one; at the end of the service. A
+process that has not died by then is checked again each tick.
 """
 _SIGNALS = {one.value: one.name for one in signal.Signals}
 
 
 class Process(Protocol):
-    """What the host asks of the process that it has started."""
+    """Describes what the host needs from the process that it has started."""
 
     @property
     def pid(self) -> int: ...
@@ -54,14 +54,14 @@ class Process(Protocol):
 
 
 class EstimatorHost:
-    """Owner of the rings and of the process. All times inside are real seconds, whatever the cart's clock does.
+    """Owns the rings and the process. All its times are real seconds, whatever the cart's clock does.
 
     reference: None until set_reference() gives one; without it nothing is judged. stale_ns: as in `EstimatorSettings`.
-    slowness: factor of the timeouts, for an emulated machine. clock: whose real time it is.
+    slowness: factor of the timeouts, for an emulated machine. clock: the clock whose real time is used.
 
-    restarts: processes started after the first. ended: how the last to end did so, and which restart followed; None
-    before any did. last: its last report, None before the first. sent_ns: when the first verdict of the last poll was
-    sent. tap: makes, for each new process, the tap of the feed; None where no client may connect.
+    restarts: processes started after the first. ended: how the last process that ended did so, and which restart
+    followed; None before any ended. last: the last report, None before the first. sent_ns: when the first verdict of
+    the last poll was sent. tap: makes the tap of the feed for each new process; None where no client may connect.
     """
 
     def __init__(
@@ -92,51 +92,54 @@ class EstimatorHost:
 
     @property
     def pid(self) -> int | None:
-        """Process id of the running process, None between two of them."""
+        """Returns the process id of the running process, None between two of them."""
         return None if self._process is None else self._process.pid
 
     @property
     def reporting(self) -> bool:
-        """Whether the present process has reported; False from the death of one to the first report of the next."""
+        """Returns whether the present process has reported: False from the end of one until the next has reported."""
         return self._has_reported
 
     @property
     def waiting_frames(self) -> int:
-        """Pictures that it has not taken yet; 0 while it does not work."""
+        """Returns the number of pictures that the estimator has not taken yet; 0 while it is not working."""
         working = self._has_reported and self._now_s() - self._heard_s < _WORKING_S
         return self._frames.backlog if working else 0
 
     @property
     def reference(self) -> Calibration | None:
-        """The calibration that verdicts speak of."""
+        """Returns the calibration that the verdicts refer to."""
         return None if self._settings is None else self._settings.reference
 
     @property
     def relative_pose(self) -> Matrix4 | None:
-        """The pose of a second marker body relative to the first, as learned with that calibration."""
+        """Returns the pose of a second marker body relative to the first, as learned with the present calibration."""
         return None if self._settings is None else self._settings.relative_pose
 
     def put(self, sample: Sample) -> None:
-        """Hand a sample on; never blocks. One thread for frames, one for poses. Raises ValueError when too large."""
+        """Passes a sample on; never blocks. One thread may put frames, one poses.
+
+        Raises ValueError for a sample that is too large.
+        """
         (self._frames if isinstance(sample, Frame) else self._poses).put(sample)
 
     def set_reference(self, reference: Calibration, relative_pose: Matrix4 | None = None) -> None:
-        """Verify against another reference from now on; what is said of the old one is no longer passed on.
+        """Verifies against another reference from now on; verdicts on the old one are no longer passed on.
 
-        relative_pose: as of `EstimatorSettings`.
+        relative_pose: as in `EstimatorSettings`.
         """
         generation = 1 + (0 if self._settings is None else self._settings.generation)
         self._settings = EstimatorSettings(generation, reference, self._limits, self._stale_ns, relative_pose)
         self._send_settings()
 
     def set_limits(self, limits: Limits, stale_ns: int) -> None:
-        """Verify within other limits from now on."""
+        """Verifies within other limits from now on."""
         self._limits, self._stale_ns = limits, stale_ns
         if self._settings is not None:
             self.set_reference(self._settings.reference, self._settings.relative_pose)
 
     def wait(self, real_s: float) -> None:
-        """Wait until it reports, or for real_s at most."""
+        """Waits until the estimator reports, for real_s at most."""
         if self._link is None:
             time.sleep(real_s)
         else:
@@ -145,7 +148,7 @@ class EstimatorHost:
             waiting.poll(math.ceil(real_s * 1e3))
 
     def poll(self) -> tuple[bool, tuple[Verdict, ...]]:
-        """(heard anything, verdicts on the present reference). Never blocks; call it every tick."""
+        """Returns (whether any report came, verdicts on the present reference). Never blocks; call it every tick."""
         reports = self._received_reports()
         now_s = self._now_s()
         if reports:
@@ -158,13 +161,13 @@ class EstimatorHost:
         return bool(reports), tuple(verdict for report in present for verdict in report.verdicts)
 
     def _note_relative_pose(self, reports: list[EstimatorReport], generation: int | None) -> None:
-        """The next process goes on with it."""
+        """Keeps the latest relative pose, so that the next process continues with it."""
         known = [report.relative_pose for report in reports if report.generation == generation]
         if known and self._settings is not None:
             self._settings = replace(self._settings, relative_pose=known[-1])
 
     def close(self) -> None:
-        """Stop the process and free the rings."""
+        """Stops the process and frees the rings."""
         self._stop(_LAST_REAP_TIMEOUT_S)
         self._frames.close()
         self._poses.close()
@@ -192,7 +195,7 @@ class EstimatorHost:
             self._stop()
 
     def _ending(self, process: Process, now_s: float) -> str:
-        """How it has ended, or must be, in words; empty while it is well."""
+        """Returns in words how the process has ended, or why it must be ended; empty while it is well."""
         code = process.poll()
         if code is None:
             return f"hung, silent for {now_s - self._heard_s:.1f} s" if self._hung(now_s) else ""
@@ -214,12 +217,14 @@ class EstimatorHost:
         self._send_settings()
 
     def launch(self, fds: tuple[int, ...]) -> Process:
-        """The process that computes, with these descriptors: see loop.serve. Raises OSError."""
+        """Starts the estimator process with these descriptors (see loop.serve). Raises OSError."""
         command = [*self._command, *(str(fd) for fd in fds)]
         return subprocess.Popen(command, pass_fds=fds, env=os.environ | ONE_THREAD)
 
     def _launched(self) -> Process:
-        """Raises OSError where this process may open no more files, or the machine has no room for another one."""
+        """Returns a new process with its link. Raises OSError where this process may open no more files, or the machine
+        has no room for another process.
+        """
         self._link, theirs = link_pair()
         self._link.setblocking(False)
         with theirs:
@@ -228,7 +233,7 @@ class EstimatorHost:
             return self.launch(fds)
 
     def _note_end(self, how: str, now_s: float) -> None:
-        """Say it once, however often the same is tried in vain, and try again later each time."""
+        """Records how the process ended and lengthens the wait for the next start. The same failure is logged once."""
         lived_s, ended = now_s - self._started_s, f"{how}, restart {self.restarts + 1}"
         self._wait_s = _FIRST_WAIT_S if self._has_reported and lived_s > 10 else min(2 * self._wait_s, _LONGEST_WAIT_S)
         self._start_at_s = now_s + self._wait_s
@@ -244,7 +249,7 @@ class EstimatorHost:
                 self._drop_link()
 
     def _drop_link(self) -> None:
-        """Without a link the process ends by itself, or is found dead at the next tick."""
+        """Closes the link: without it the process ends by itself, or is found dead at the next tick."""
         if self._link is not None:
             self._link.close()
             self._link = None
@@ -258,7 +263,7 @@ class EstimatorHost:
             self._reap(timeout_s)
 
     def _reap(self, timeout_s: float = 0.0) -> None:
-        """Collect the processes that are dead by now; one that waits in the kernel for a disk cannot die before it."""
+        """Collects the processes that are dead by now: one that waits in the kernel for a disk cannot die yet."""
         for process in tuple(self._dying):
             with suppress(subprocess.TimeoutExpired):
                 process.wait(timeout_s)

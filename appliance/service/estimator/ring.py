@@ -1,8 +1,9 @@
-"""A ring of samples in shared memory: one producer, one consumer, the OLDEST is dropped when it is full.
+"""Passes samples through a ring in shared memory: one producer, one consumer; a full ring drops the OLDEST sample.
 
-A sample lies in a memfd, and a notice of it goes through a pipe once it is whole. The pipe wakes the consumer, and its
-lock orders the two processes' view of the memory on any processor. A producer that dies amid a sample has given no
-notice of it. Neither end ever waits: where the pipe is not read and full, the producer empties it.
+A sample lies in a memfd, and a notice of it goes through a pipe once the sample is whole. The pipe wakes the consumer,
+and its lock orders the two processes' view of the memory on any processor. A producer that dies while it writes a
+sample has given no notice of it. Neither end ever waits: when the pipe is full because nobody reads it, the producer
+empties it.
 
 The consumer copies a sample out and then reads the pipe again: the copy counts if the sample is still among the newest
 `slots`. The memory has room for two more, so that another whole sample, with its notice, lies between the notice that
@@ -26,53 +27,59 @@ from probewatch.drivers.closable import Closable
 from probewatch.drivers.samples import Frame, Matrix4, Pose, PoseStatus, Sample, Stamp
 
 _SPARE_SLOTS = 2
-"""One that is being written, one between it and what the consumer may use; see the heading of this file."""
+"""Slots that the consumer may not use: one that is being written, and one between it and the others; see the docstring
+of this module.
+"""
 _NOTICE = struct.Struct("<QQ")
-"""Number of a sample and bytes of its payload. Far below PIPE_BUF, so that a notice is written whole or not at all; its
-16 bytes divide every size of a pipe."""
+"""Number of a sample and bytes of its payload. A notice is far below PIPE_BUF, so that it is written whole or not at
+all; its 16 bytes divide every size of a pipe.
+"""
 _READ_BYTES = 4096
-"""Asked for in one read: 256 notices, of which one is usual. Less takes more calls where the consumer was away; more
-costs memory at every read."""
+"""Bytes requested in one read: 256 notices, of which one is usual. Less takes more calls after the consumer was away;
+more costs memory at every read.
+"""
 _FRAME = struct.Struct("<cqqqII31x")
-"""64 bytes, a cache line, so that the pixels begin at one."""
+"""Header of a frame: 64 bytes, a cache line, so that the pixels begin at one."""
 _POSE = struct.Struct("<cqqqdBB32d")
 _STATUSES = tuple(PoseStatus)
 _LONGEST_REASON = 200
-"""Bytes of UTF-8; the rest of a longer reason is cut. It is for a person to read, and every slot takes as much."""
+"""Bytes of UTF-8; the rest of a longer reason is truncated. A reason is for people to read, and takes this room in
+every slot.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Shape:
-    """slots: how many samples the ring holds. payload_bytes: the largest sample it takes."""
+    """Describes the size of a ring. slots: samples that the ring holds. payload_bytes: the largest sample it takes."""
 
     slots: int
     payload_bytes: int
 
     @property
     def stride(self) -> int:
-        """Bytes from one sample to the next: whole cache lines."""
+        """Returns the bytes from one sample to the next: whole cache lines."""
         return -(-self.payload_bytes // 64) * 64
 
     def start(self, index: int) -> int:
-        """Byte at which sample number `index` begins."""
+        """Returns the byte at which sample number `index` begins."""
         return index % (self.slots + _SPARE_SLOTS) * self.stride
 
     @property
     def size(self) -> int:
-        """Bytes of the memory."""
+        """Returns the bytes of the memory."""
         return (self.slots + _SPARE_SLOTS) * self.stride
 
 
 FRAMES = Shape(slots=16, payload_bytes=_FRAME.size + 2560 * 1600)
-"""Untouched pages of a memfd take no memory, so small pictures pay only for what they fill."""
+"""Shape of the ring of pictures. Untouched pages of a memfd take no memory, so small pictures cost what they fill."""
 POSES = Shape(slots=256, payload_bytes=_POSE.size + _LONGEST_REASON)
-"""Both hold half a second: 16 pictures at 30 Hz, 256 poses at 500 Hz. An estimator that is behind by more loses the
-oldest, counted; more slots would have it judge what is old.
+"""Shape of the ring of poses. Both rings hold half a second: 16 pictures at 30 Hz, 256 poses at 500 Hz. An estimator
+that is behind by more loses the oldest samples, which are counted; more slots would have it judge old ones.
 """
 
 
 class RingFds(NamedTuple):
-    """What the peer needs: the memory, and both ends of the pipe."""
+    """Holds what the peer needs: the memory, and both ends of the pipe."""
 
     memory: int
     reading: int
@@ -85,13 +92,14 @@ class _Notice(NamedTuple):
 
 
 class Ring(Closable):
-    """Both ends of the ring; the producer calls put, the consumer the rest. Give the peer `fds` and the same shape.
+    """Represents either end of the ring. The producer calls put, the consumer the rest. Give the peer `fds` and the
+    same shape.
 
     A new consumer may follow a dead one on the same ring; the producer stays the same.
     """
 
     def __init__(self, shape: Shape, fds: RingFds | None = None) -> None:
-        """Raises OSError, and then leaves nothing open that it has made."""
+        """Raises OSError, and then leaves open nothing that it has made."""
         self._shape = shape
         self.fds = _made(shape) if fds is None else fds
         try:
@@ -107,31 +115,31 @@ class Ring(Closable):
         self._next: int | None = None
 
     def close(self) -> None:
-        """Release the memory and the pipe; they are freed when the peer has gone too."""
+        """Releases the memory and the pipe; they are freed when the peer has gone too."""
         if not self._writing.closed:
-            with suppress(BufferError):  # a thread left behind is amid a put; the memory goes with it
+            with suppress(BufferError):  # an abandoned thread is still in put; the memory goes with it
                 self._memory.close()
             self._reading.close()
             self._writing.close()
             os.close(self.fds.memory)
 
     def fileno(self) -> int:
-        """Descriptor for poll: readable when a sample has been put."""
+        """Returns the descriptor for poll: readable when a sample has been put."""
         return self.fds.reading
 
     @property
     def pending(self) -> bool:
-        """Whether take() would return something of which fileno() says no longer."""
+        """Returns whether take() would return something that fileno() no longer signals."""
         return bool(self._notices)
 
     @property
     def backlog(self) -> int:
-        """Samples of which the consumer has not heard yet; for the producer's side."""
+        """Returns the number of samples whose notices the consumer has not read yet; for the producer's side."""
         waiting = fcntl.ioctl(self._reading, termios.FIONREAD, bytes(4))
         return int.from_bytes(waiting, "little") // _NOTICE.size
 
     def put(self, sample: Sample) -> None:
-        """Never blocks. Raises ValueError for a sample larger than a slot."""
+        """Puts a sample; never blocks. Raises ValueError for a sample larger than a slot."""
         size = _size(sample)
         if size > self._shape.payload_bytes:
             raise ValueError(f"a sample of {size} bytes does not fit a slot of {self._shape.payload_bytes}")
@@ -140,7 +148,7 @@ class Ring(Closable):
         self._written += 1
 
     def take(self) -> tuple[list[Sample], int]:
-        """(samples in order, how many were dropped before or between them). Never blocks."""
+        """Returns (samples in order, number of samples dropped before or between them). Never blocks."""
         self._listen()
         notices, self._notices = self._notices, []
         if not notices:
@@ -154,7 +162,7 @@ class Ring(Closable):
         return samples, self._next - first - len(samples)
 
     def discard(self) -> None:
-        """Forget, uncounted, what has been put until now."""
+        """Discards, uncounted, what has been put until now."""
         self._listen()
         if self._notices:
             self._next = self._notices[-1].number + 1
@@ -176,7 +184,7 @@ class Ring(Closable):
 
 
 def _made(shape: Shape) -> RingFds:
-    """Raises OSError, and then leaves nothing open."""
+    """Makes the memory and the pipe. Raises OSError, and then leaves nothing open."""
     memory = os.memfd_create("probewatch-ring")
     try:
         os.ftruncate(memory, shape.size)

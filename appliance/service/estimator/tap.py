@@ -1,8 +1,8 @@
-"""What the estimator hands on of every step of the line, for the feed; nothing while it has no client.
+"""Publishes every step of the line to the feed, and nothing while the feed has no client.
 
-The report to the hardware process has gone out before. Pictures lie in a ring of their own, everything else goes as one
-packet a step through a socket pair that never blocks: a reader that is behind misses whole steps, and their numbers say
-how many. What is wanted stands in a shared page, so that a step of a line without subscribers costs one look at it.
+The report to the hardware process goes out first. Pictures go through a ring of their own; everything else goes as one
+packet a step through a socket pair that never blocks: a reader that is behind misses whole steps, and the step numbers
+show how many. A shared page states what is wanted, so that a step of a line without subscribers costs one look at it.
 """
 
 import contextlib
@@ -21,22 +21,22 @@ from probewatch.appliance.types import Verdict
 from probewatch.drivers.samples import Frame, Pose, Sample, Stamp
 
 LONGEST_PACKET = 1 << 17
-"""Bytes of one packet; a longer one would be cut. See `link`, whose reports hold as many verdicts."""
+"""Bytes, the longest packet; a longer one would be truncated. See `link`, whose reports hold as many verdicts."""
 _PAGE = mmap.PAGESIZE
 _WANTED, _EPOCH, _COUNTS = 0, 1, 8
-"""Places in the page: what is wanted, a count of those who began to want it, and what the status reports of them."""
+"""Offsets in the page: what is wanted, a count of subscriptions begun, and the counts that the status reports."""
 _COUNTED = struct.Struct("<3Q")  # clients, lost, dropped
 NOTHING, ALL_BUT_PICTURES, PICTURES = 0, 1, 2
-"""What is subscribed to."""
+"""What the feed subscribes to."""
 
 
 class Subscription:
-    """What the feed subscribes to, in a shared page. The feed's process writes it, the estimator reads it; each may die
-    at any time.
+    """Holds in a shared page what the feed subscribes to. The feed's process writes it, the estimator reads it, and
+    either may die at any time.
     """
 
     def __init__(self, fd: int | None = None) -> None:
-        """Raises OSError, and then leaves nothing open that it has made."""
+        """Raises OSError, and then leaves open nothing that it has made."""
         self.fd = os.memfd_create("probewatch-subscription") if fd is None else fd
         try:
             if fd is None:
@@ -48,39 +48,39 @@ class Subscription:
             raise
 
     def close(self) -> None:
-        """Release it; it is freed when the others have gone too."""
+        """Releases the page; it is freed when the others have gone too."""
         self._page.close()
         os.close(self.fd)
 
     @property
     def wanted(self) -> int:
-        """NOTHING, ALL_BUT_PICTURES or PICTURES."""
+        """Returns NOTHING, ALL_BUT_PICTURES or PICTURES."""
         return self._page[_WANTED]
 
     @property
     def epoch(self) -> int:
-        """Changes whenever a subscription begins, which must be sent the settings in force."""
+        """Returns a number that changes whenever a subscription begins, as that must be sent the settings in force."""
         return self._page[_EPOCH]
 
     def want(self, wanted: int) -> None:
-        """Subscribe to this from now on."""
+        """Subscribes to this from now on."""
         if wanted and not self._page[_WANTED]:
             self._page[_EPOCH] = (self._page[_EPOCH] + 1) % 256
         self._page[_WANTED] = wanted
 
     def count(self, counts: "FeedCounts") -> None:
-        """Write how the feed does, for the status."""
+        """Writes the counts of the feed, for the status."""
         _COUNTED.pack_into(self._page, _COUNTS, *counts)
 
     @property
     def counts(self) -> "FeedCounts":
-        """The last that was counted."""
+        """Returns the last counts written."""
         return FeedCounts(*_COUNTED.unpack_from(self._page, _COUNTS))
 
 
 class FeedCounts(NamedTuple):
-    """clients: that listen now. lost: samples that were not sent to a client, of all clients since the start of
-    the estimator. dropped: clients that were sent away, or did not read.
+    """Counts what the feed did. clients: those connected now. lost: samples that were not sent to a client, over all
+    clients since the start of the estimator. dropped: clients that were disconnected, or did not read.
     """
 
     clients: int = 0
@@ -89,7 +89,7 @@ class FeedCounts(NamedTuple):
 
 
 class TapFds(NamedTuple):
-    """What the estimator needs: the socket for packets, the ring of pictures, the page."""
+    """Holds the descriptors that the estimator needs: the socket for packets, the ring of pictures, the page."""
 
     packets: int
     frames: RingFds
@@ -97,7 +97,7 @@ class TapFds(NamedTuple):
 
     @classmethod
     def of(cls, numbers: Sequence[int]) -> Self:
-        """Made from five numbers of a command line."""
+        """Returns the descriptors from the five numbers of a command line."""
         packets, *ring, subscription = numbers
         return cls(packets, RingFds(*ring), subscription)
 
@@ -108,7 +108,10 @@ class TapFds(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Begun:
-    """The line works by these settings; step: how many samples this line has taken before. None: there is no line."""
+    """Announces the settings that the line works by.
+
+    settings: None where there is no line. step: number of samples that this line has taken before.
+    """
 
     settings: EstimatorSettings | None
     step: int
@@ -116,7 +119,7 @@ class Begun:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Picture:
-    """A frame of the ring of pictures, if `there`, by what marks it."""
+    """Represents a frame by its stamp and sequence number. there: the frame itself lies in the ring of pictures."""
 
     stamp: Stamp
     sequence: int
@@ -125,7 +128,7 @@ class Picture:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Taken:
-    """Step number `step` of the line: what it took, and the verdicts that it gave."""
+    """Describes step number `step` of the line: the sample that it took, and the verdicts that it gave."""
 
     step: int
     sample: Pose | Picture
@@ -136,7 +139,7 @@ Packet = Begun | Taken
 
 
 class Tap:
-    """The estimator's end. Never blocks, and raises nothing for a feed that is gone."""
+    """Represents the estimator's end of the tap. Never blocks, and raises nothing when the feed is gone."""
 
     def __init__(self, fds: TapFds) -> None:
         self._packets = socket.socket(fileno=fds.packets)
@@ -148,16 +151,16 @@ class Tap:
         self._begun_epoch: int | None = None
 
     def begin(self, settings: EstimatorSettings) -> None:
-        """A line was made by these settings; it has taken nothing yet."""
+        """Records that a line was made with these settings; it has taken nothing yet."""
         self._settings, self._step, self._begun_epoch = settings, 0, None
 
     @property
     def wanted(self) -> bool:
-        """Whether there is a subscription."""
+        """Returns whether there is a subscription."""
         return self._subscription.wanted != NOTHING
 
     def publish(self, sample: Sample, verdicts: tuple[Verdict, ...]) -> None:
-        """What the line took, or without a line would have taken, and what it said of it."""
+        """Publishes what the line took, or would have taken if there were one, and its verdicts."""
         step, wanted = self._step, self._subscription.wanted
         self._step += 1
         if wanted == NOTHING or not self._has_begun(step):
@@ -170,13 +173,13 @@ class Tap:
             self._send(Taken(step, sample, verdicts))
 
     def close(self) -> None:
-        """Release the descriptors."""
+        """Releases the descriptors."""
         self._packets.close()
         self._frames.close()
         self._subscription.close()
 
     def _has_begun(self, step: int) -> bool:
-        """Whether the feed has got the settings by which this line works."""
+        """Returns whether the feed has received the settings by which this line works."""
         epoch = self._subscription.epoch
         if epoch != self._begun_epoch and self._send(Begun(self._settings, step)):
             self._begun_epoch = epoch
@@ -190,7 +193,7 @@ class Tap:
 
 
 def received(packets: socket.socket) -> Packet | None:
-    """The next packet, None when there is none now. Never blocks. Raises ConnectionResetError at its end."""
+    """Returns the next packet, None when none is waiting. Never blocks. Raises ConnectionResetError at the end."""
     try:
         packet = packets.recv(LONGEST_PACKET, socket.MSG_DONTWAIT)
     except BlockingIOError:

@@ -1,1 +1,1 @@
-"""What the service sees, offered to those who look on: the process that fans it out, and who starts it."""
+"""Offers clients what the service sees: the process that distributes it, and the code that starts this process."""

@@ -1,8 +1,8 @@
-"""The feed's messages, version 1, to bytes and back; docs/feed.md lists their fields.
+"""Converts the feed's messages, version 1, to bytes and back; docs/feed.md lists their fields.
 
-A message is two lengths, u32 big-endian, then a header of so many bytes, JSON, then so many bytes of pixels. Numbers
-are exact: integers as they are, floats in the shortest digits that give the same double; what is not finite is a
-string, "nan", "inf" or "-inf". What the line was given comes back as it was given, bit for bit.
+A message is two lengths, u32 big-endian, then a header of the first length, JSON, then pixels of the second. Numbers
+are exact: integers as they are, floats in the fewest digits that give the same double; non-finite ones are strings,
+"nan", "inf" or "-inf". What the line was given comes back bit for bit.
 """
 
 import json
@@ -33,15 +33,15 @@ from probewatch.drivers.samples import Frame, GreyImage, Pose, Sample
 VERSION = 1
 _LENGTHS = struct.Struct(">II")
 _LONGEST_HEADER, _LONGEST_PIXELS = 1 << 18, 1 << 26
-"""Bytes. A verdict of 19 checks takes 5 kB; the largest picture of a ring 4 MB. More lets the program at the other end
-take as much memory.
+"""Bytes, the longest header and the most pixels. A verdict of 19 checks takes 5 kB; the largest picture of a ring 4 MB.
+More lets the program at the other end take as much memory.
 """
 _PLACE, _REMEDY = "feed", "Is it the feed's socket, of this version of probewatch?"
 
 
 @dataclass(frozen=True, slots=True)
 class Hello:
-    """The first message: version of the protocol and of the software."""
+    """Represents the first message: version of the protocol and of the software."""
 
     version: int
     software: str
@@ -49,7 +49,8 @@ class Hello:
 
 @dataclass(frozen=True, slots=True)
 class LineStarted:
-    """The line works by these settings from here on. step: samples that this line has taken before, 0 for a new one.
+    """Announces the settings by which the line works from here on. step: samples that this line has taken before, 0 for
+    a new one.
 
     settings: None while there is no reference; then samples come without verdicts.
     """
@@ -60,8 +61,8 @@ class LineStarted:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Taken:
-    """Step number `step` of the line took this sample. reduced_by: 1 for a whole picture, else so many pixels of either
-    axis were averaged to one.
+    """States that step number `step` of the line took this sample. reduced_by: 1 for a whole picture, else the number
+    of pixels along either axis that were averaged to one.
     """
 
     step: int
@@ -71,7 +72,7 @@ class Taken:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Judged:
-    """A verdict that step number `step` gave."""
+    """Holds a verdict that step number `step` gave."""
 
     step: int
     verdict: Verdict
@@ -79,14 +80,14 @@ class Judged:
 
 @dataclass(frozen=True, slots=True)
 class Lost:
-    """Number of samples that, with their verdicts, were not sent to this client at this place."""
+    """Holds the number of samples that, with their verdicts, were not sent to this client at this place."""
 
     samples: int
 
 
 @dataclass(frozen=True, slots=True)
 class Refused:
-    """Why this client is not served; nothing follows."""
+    """States why this client is not served; nothing follows."""
 
     why: str
 
@@ -95,13 +96,13 @@ FeedMessage = Hello | LineStarted | Taken | Judged | Lost | Refused
 
 
 def packed(header: Mapping[str, Any], pixels: bytes = b"") -> bytes:
-    """The bytes of a message, without its pixels, of which it only states the length."""
+    """Returns the bytes of a message without its pixels, of which it only states the length."""
     text = json.dumps(header, ensure_ascii=False, allow_nan=False, separators=(",", ":")).encode()
     return _LENGTHS.pack(len(text), len(pixels)) + text
 
 
 def lengths(head: bytes) -> tuple[int, int]:
-    """Bytes of header and pixels that follow these eight. Raises ProtocolError."""
+    """Returns the bytes of header and of pixels that follow these eight. Raises ProtocolError."""
     header, pixels = _LENGTHS.unpack(head)
     if not 2 <= header <= _LONGEST_HEADER or pixels > _LONGEST_PIXELS:
         raise ProtocolError(f"announces {header} and {pixels} bytes, which no message has", _PLACE, _REMEDY)
@@ -112,7 +113,7 @@ HEAD_BYTES = _LENGTHS.size
 
 
 def hello(software: str, ignored: tuple[str, ...] = ()) -> bytes:
-    """ignored: fields of the request that mean nothing here."""
+    """Returns the first message. ignored: fields of the request that mean nothing here."""
     extra = {"ignored": ignored} if ignored else {}
     return packed({"kind": "hello", "v": VERSION, "software": software, **extra})
 
@@ -134,7 +135,7 @@ def taken_pose(step: int, pose: Pose) -> bytes:
 
 
 def taken_frame(step: int, frame: Frame, original_px: tuple[int, int], reduced_by: int) -> tuple[bytes, bytes]:
-    """(what comes before the pixels, the pixels)."""
+    """Returns (what comes before the pixels, the pixels)."""
     height, width = frame.image.shape
     pixels = frame.image.tobytes()
     size = {"width": width, "height": height, "original_px": original_px, "reduced_by": reduced_by}
@@ -146,7 +147,7 @@ def judged(step: int, verdict: Verdict) -> bytes:
 
 
 def unpacked(header: bytes, pixels: bytes) -> FeedMessage:
-    """The message again. Raises ProtocolError for what is none of this version."""
+    """Returns the message that was packed. Raises ProtocolError for what is not one of this version."""
     try:
         fields = json.loads(header)
         kind = fields["kind"]

@@ -1,4 +1,4 @@
-"""The process that fans out, started by process_host: `-m probewatch.appliance.service.feed.process USERS FD…`."""
+"""Runs the feed's process, which process_host starts: `-m probewatch.appliance.service.feed.process USERS FD…`."""
 
 import os
 import signal
@@ -14,13 +14,15 @@ from probewatch.appliance.service.feed.server import FeedServer
 from probewatch.appliance.service.host.child_process import end_with_parent
 
 _NICER = 15
-"""Steps of nice(2) behind the service: onlookers wait for the line."""
+"""Steps of nice(2) below the service: viewers wait for the line."""
 _FIRST_KILLED = 500
-"""oom_score_adj, as of the programs that look on from outside: where memory runs out, this goes before the service."""
+"""oom_score_adj, as for the viewers outside: when memory runs out, this process is killed before the service."""
 
 
 def main(arguments: list[str]) -> None:
-    """arguments: ids of users who are shown no pictures, separated by commas; the descriptors of the listener and the
+    """Runs the process.
+
+    arguments: ids of users who are shown no pictures, separated by commas; the descriptors of the listener and of the
     tap.
     """
     users, listener_fd, *tap = arguments

@@ -1,7 +1,8 @@
-"""The hardware process's side of the feed: its socket, and the process that fans out while there are clients.
+"""Implements the hardware process's side of the feed: its socket, and the process that serves it while there are
+clients.
 
-Whatever becomes of the feed, the service watches on: what cannot be made or started is logged and reported in the
-status.
+Whatever happens to the feed, the service continues to monitor: what cannot be made or started is logged and shown in
+the status.
 """
 
 import os
@@ -23,22 +24,23 @@ from probewatch.appliance.service.host.unix_socket import listening
 
 _COMMAND = (sys.executable, "-m", "probewatch.appliance.service.feed.process")
 _FIRST_WAIT_S, _LONGEST_WAIT_S = 0.5, 30.0
-"""Before a process that died is started again, doubled each time one does not last. Longer leaves viewers without a
-picture; shorter spends the processor on what cannot start.
+"""s, the first and the longest wait before a process that died is started again; the wait doubles each time one does
+not last. More leaves viewers without a picture for longer; less spends the processor on a process that cannot start.
 """
 _LASTED_S = 60.0
-"""Lifetime of a process after which its death does not mean that it cannot run."""
+"""s, the lifetime after which the death of a process does not mean that it cannot run."""
 _REAP_TIMEOUT_S = 1.0
-"""For which the end of the service waits for a killed process."""
+"""s, how long the end of the service waits for a killed process."""
 _BACKLOG = 128
-"""Clients that wait at the door, in order, so that a crowd which says nothing keeps no client out for long."""
+"""Clients that the kernel queues, in order, so that a crowd that sends nothing keeps no client out for long."""
 
 
 class FeedHost:
-    """path: of the feed's socket, mode 0660, of `group` if one is named, and of `onlookers`, by id; None offers none.
-    without_pictures: users who are shown none. No other service may run here: what lies at the path is taken away.
+    """Owns the feed's socket and starts its process. No other service may run here: what lies at the path is removed.
 
-    refused: why there is no socket, in words; None where there is one.
+    path: of the socket, mode 0660, of `group` if one is named, and of `onlookers`, by id; None offers no feed.
+    without_pictures: users who are shown no pictures. refused: why there is no socket, in words; None where there is
+    one.
     """
 
     def __init__(
@@ -69,18 +71,18 @@ class FeedHost:
 
     @property
     def pid(self) -> int | None:
-        """Process id of the feed, None while it has no client."""
+        """Returns the process id of the feed, None while it has no client."""
         return None if self._process is None else self._process.pid
 
     @property
     def counts(self) -> FeedCounts:
-        """How it does."""
+        """Returns the counts of the feed."""
         return FeedCounts() if self._tap is None else self._tap.subscription.counts
 
     def tap(self) -> TapFds | None:
-        """Descriptors for a new estimator; those of the one before, and who listened to it, are let go.
+        """Returns descriptors for a new estimator; closes those of the one before and drops its clients.
 
-        None where there is no socket, or this process may open no more files: the estimator goes first.
+        Returns None where there is no socket, or this process may open no more files: the estimator has priority.
         """
         if self._listener is None:
             return None
@@ -94,7 +96,7 @@ class FeedHost:
         return self._tap.fds
 
     def look_after(self) -> None:
-        """Start the process, once a tick and without blocking, when a client waits, and reap it when it has ended."""
+        """Starts the process when a client waits, and reaps it when it has ended; once a tick and without blocking."""
         self._reap()
         now_s = time.monotonic()
         if self._process is not None:
@@ -104,7 +106,7 @@ class FeedHost:
             self._start(self._tap, now_s)
 
     def close(self) -> None:
-        """End the process, and take the socket away."""
+        """Ends the process and removes the socket."""
         self._end_process()
         self._reap(_REAP_TIMEOUT_S)
         self._close_tap()
@@ -133,7 +135,7 @@ class FeedHost:
         self._started_s = now_s
 
     def _note_end(self, code: int, now_s: float) -> None:
-        """One that ended for want of clients is no death."""
+        """Records the end of the process. One that ended because it had no clients did not fail."""
         self._process = None
         assert self._tap is not None
         self._tap.subscription.want(NOTHING)
@@ -164,7 +166,7 @@ class FeedHost:
 
 
 class _TapEnds:
-    """Both ends of the estimator's tap, kept here so that either process may be replaced."""
+    """Holds both ends of the estimator's tap in this process, so that either of the other processes may be replaced."""
 
     def __init__(self) -> None:
         """Raises OSError, and then leaves nothing open."""

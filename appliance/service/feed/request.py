@@ -1,4 +1,4 @@
-"""The request of a client of the feed, one line of JSON."""
+"""Defines the request of a client of the feed, one line of JSON."""
 
 import json
 from dataclasses import dataclass
@@ -10,16 +10,18 @@ from probewatch.drivers.errors import ProtocolError
 from probewatch.drivers.printable import printable
 
 LONGEST_LINE = 4096
-"""Bytes, as of the control socket; a request has some 80."""
+"""Bytes, as for the control socket; a request has some 80."""
 _MOST_EVERY, _LEAST_PX, _MOST_PX = 1000, 16, 16_384
-"""One picture of so many: half a minute at 30 Hz. Sides of a picture: as in the configuration."""
+"""Bounds of `every`, at most one picture in half a minute at 30 Hz, and of the sides of a picture, px, which are those
+of the configuration.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class FeedRequest:
-    """`pictures` says whether frames are sent. `every` selects one of so many frames. `most_px` limits the longest side
-    of a picture, which is averaged over whole blocks of pixels to fit; None leaves the size unchanged. `ignored` lists
-    fields without meaning here.
+    """Holds what a client wants. `pictures` states whether frames are sent. `every` selects one frame of this many.
+    `most_px` limits the longest side of a picture, which is averaged over whole blocks of pixels to fit; None leaves
+    the size unchanged. `ignored` lists fields that mean nothing here.
     """
 
     pictures: bool = True
@@ -28,7 +30,7 @@ class FeedRequest:
     ignored: tuple[str, ...] = ()
 
     def line(self) -> bytes:
-        """The request as the line that is sent."""
+        """Returns the request as the line that is sent."""
         asked = {"v": VERSION, "pictures": self.pictures, "every": self.every, "most_px": self.most_px}
         return json.dumps(asked).encode() + b"\n"
 

@@ -1,7 +1,8 @@
-"""Fans out what the estimator hands on to the clients of the feed's socket, each at its own pace. Never waits for one.
+"""Distributes what the estimator publishes to the clients of the feed's socket, each at its own pace. Never waits for
+one.
 
 A client that reads too slowly misses samples, which are counted and reported to it; one that does not read at all is
-dropped. Nothing that a client does reaches the estimator: it only hears whether anybody listens.
+dropped. Nothing that a client does reaches the estimator, which learns only whether there is a subscription.
 """
 
 import contextlib
@@ -33,33 +34,36 @@ from probewatch.drivers.errors import ProtocolError
 from probewatch.drivers.samples import Frame, GreyImage, Pose
 
 MOST_CLIENTS, _MOST_SILENT = 8, 8
-"""Who listen, and who have not asked yet. Each that listens may keep so much memory as is said next."""
+"""Clients that listen, and those that have not asked yet. Each that listens may occupy MOST_UNSENT of memory."""
 MOST_UNSENT = 1 << 24
-"""Bytes that wait for one client: 1.7 s of pictures of 640 × 480 at 30 Hz, or four of the largest. More takes memory
-from the cart, eight times; less loses samples where the client's disk pauses.
+"""Bytes that may wait for one client: 1.7 s of pictures of 640 × 480 at 30 Hz, or four of the largest. More takes
+memory from the cart, eight times; less loses samples when the client's disk pauses.
 """
 _SILENT_S, _ASLEEP_S = 5.0, 10.0
-"""For a client to ask, and for one to take something of what waits for it. Less drops one on a busy computer; more
-keeps a place for no client.
+"""s, how long a client may take to ask, and how long it may read nothing of what waits for it. Less drops clients on a
+busy computer; more keeps a place for no client.
 """
 _NO_END = f"no whole line came within {_SILENT_S:g} s: a request ends with a line feed"
 _IDLE_S = 30.0
-"""Without any client before this process ends and frees its memory; the next client starts another, which takes .3 s.
-"""
+"""s without any client after which this process ends and frees its memory; starting another takes 0.3 s."""
 _SWEEP_S = 1.0
-"""Between two looks for clients that sleep; how late one is dropped."""
+"""s between two checks for clients that do not read; one is dropped at most this late."""
 _PACKETS, _SENT_BYTES = 32, 1 << 20
 """Packets of the estimator, and bytes to one client, in one turn: the others wait no longer. Fewer take more turns. Not
-measured."""
+measured.
+"""
 _PAUSE_S = 0.05
-"""Where this process may open no more files and a client waits at the door: else it would look again and again."""
+"""s, the pause when a client waits but this process may open no more files: else it would try again and again."""
 
 _Parts = tuple[bytes, ...]
 
 
 @dataclass(slots=True, eq=False)
 class _Client:
-    """unsent: what waits, of which the first part is sent up to `sent`. missed: samples to be reported as lost."""
+    """Represents a connected client.
+
+    unsent: parts that wait, of which the first is sent up to `sent`. missed: samples to be reported as lost.
+    """
 
     link: socket.socket
     uid: int
@@ -75,7 +79,7 @@ class _Client:
     watched: int = selectors.EVENT_READ
 
     def put(self, parts: _Parts) -> bool:
-        """All of it, or nothing where too much waits. What was lost before it is reported first."""
+        """Queues all of it, or nothing if too much waits, and returns which. What was lost before is reported first."""
         size = sum(map(len, parts))
         if self.unsent and self.unsent_bytes + size > MOST_UNSENT:
             return False
@@ -89,7 +93,7 @@ class _Client:
         return True
 
     def flush(self) -> None:
-        """What it takes now, up to a bound. Raises OSError when it is gone."""
+        """Sends what the client takes now, up to a bound. Raises OSError when the client is gone."""
         left = _SENT_BYTES
         with contextlib.suppress(BlockingIOError):
             while self.unsent and left > 0:
@@ -105,10 +109,10 @@ class _Client:
 
 
 class FeedServer:
-    """listener: of the feed's socket. packets, frames, subscription: of the tap. without_pictures: users who are shown
-    no pictures.
+    """Serves the clients of the feed until there has been none for some time.
 
-    run() returns when there was no client for some time.
+    listener: of the feed's socket. packets, frames, subscription: of the tap. without_pictures: users who are shown no
+    pictures.
     """
 
     def __init__(
@@ -134,7 +138,7 @@ class FeedServer:
             self._selector.register(source, selectors.EVENT_READ)
 
     def run(self) -> None:
-        """Serve until there was no client for some time."""
+        """Serves until there has been no client for some time."""
         alone_s = time.monotonic()
         sweep_s = 0.0
         self._note()
@@ -149,11 +153,11 @@ class FeedServer:
                 self._sweep(now_s)
 
     def stop(self) -> None:
-        """Have run() return within a second; from any thread."""
+        """Makes run() return within a second; may be called from any thread."""
         self._stopping = True
 
     def close(self) -> None:
-        """Stop sending to all clients."""
+        """Drops all clients."""
         for client in tuple(self._clients):
             self._drop(client)
         self._selector.close()
@@ -187,7 +191,7 @@ class FeedServer:
         self._listen_to(client)
 
     def _listen_to(self, client: _Client) -> None:
-        """Answer its one line; a client that says more, or ends, is dropped."""
+        """Reads the client's only line; a client that sends more, or ends, is dropped."""
         try:
             said = client.link.recv(LONGEST_LINE)
         except BlockingIOError:
@@ -224,7 +228,7 @@ class FeedServer:
         self._flush(client)
 
     def _make_room(self, uid: int) -> None:
-        """Raises ProtocolError where all places are taken and no user has two more than this one."""
+        """Frees a place. Raises ProtocolError when all places are taken and no user has two more than this one."""
         listening = [one for one in self._clients if one.request is not None]
         if len(listening) < MOST_CLIENTS:
             return
@@ -272,7 +276,7 @@ class FeedServer:
             self._put(client, parts, verdicts)
 
     def _put(self, client: _Client, parts: _Parts | None, verdicts: _Parts) -> None:
-        """Queues a sample. parts: None for a picture that was overwritten before it could be taken."""
+        """Queues a sample. parts: None for a picture that was overwritten before it could be read."""
         whole = verdicts if parts is None else (*parts, *verdicts)
         if parts is None or (whole and not client.put(whole)):
             self._miss(client, 1)
@@ -283,12 +287,12 @@ class FeedServer:
         self._lost += samples
 
     def _introduce(self, client: _Client, step: int) -> None:
-        """The settings are sent like a sample: where there is no room for them, they are sent later."""
+        """Sends the settings, in the queue like a sample: when there is no room for them, they are sent later."""
         if not client.knows_settings and client.put((message.line_started(self._settings, step),)):
             client.knows_settings = True
 
     def _frame(self, picture: Picture) -> Frame | None:
-        """That of the ring, None where it was not put there, or is overwritten."""
+        """Returns the picture's frame from the ring, None when it was not put there or has been overwritten."""
         if not picture.there:
             return None
         wanted = picture.stamp, picture.sequence
@@ -343,7 +347,7 @@ class FeedServer:
         self._note()
 
     def _note(self) -> None:
-        """What is wanted now, and how the feed does."""
+        """Publishes what is wanted now, and the counts of the feed."""
         listening = [client.request for client in self._clients if client.request is not None]
         if not listening:
             self._pictures.clear()
@@ -365,7 +369,10 @@ def _picture(step: int, frame: Frame, most_px: int | None) -> _Parts:
 
 
 def reduced(image: GreyImage, by: int) -> GreyImage:
-    """(height // by, width // by), the mean of each whole block of by × by pixels. by: at most the shorter side."""
+    """Returns (height // by, width // by): the mean of each whole block of by × by pixels.
+
+    by: at most the shorter side.
+    """
     height, width = image.shape[0] // by, image.shape[1] // by
     blocks = image[: height * by, : width * by].reshape(height, by, width, by)
     return np.asarray(blocks.mean(axis=(1, 3)), np.uint8)

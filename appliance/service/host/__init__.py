@@ -1,1 +1,1 @@
-"""What the service has to do with the computer it runs on: log, journal, disk, memory, systemd, wall clock."""
+"""Deals with the computer that the service runs on: log, journal, disk, memory, sockets, systemd, clocks, load."""

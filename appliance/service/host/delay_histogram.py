@@ -1,4 +1,4 @@
-"""How often a delay was how long: counts since the start, from which any span of time can be asked later."""
+"""Counts delays by length since the start; the counts of any period can later be derived from two readings."""
 
 from bisect import bisect_left
 from collections.abc import Sequence
@@ -6,8 +6,9 @@ from typing import Any
 
 
 class DelayHistogram:
-    """bounds_ms: upper bounds, rising; what is longer than the last has a count of its own. One thread notes, any other
-    may read.
+    """Counts delays. One thread may note, any other may read.
+
+    bounds_ms: upper bounds, ascending; longer delays have a count of their own.
     """
 
     def __init__(self, bounds_ms: Sequence[float]) -> None:
@@ -16,10 +17,10 @@ class DelayHistogram:
         self._sum_ms = 0.0
 
     def note(self, delay_ms: float) -> None:
-        """A bound belongs to the count below it."""
+        """Counts a delay; one that equals a bound belongs to the count below it."""
         self._counts[bisect_left(self._bounds_ms, delay_ms)] += 1
         self._sum_ms += delay_ms
 
     def fields(self) -> dict[str, Any]:
-        """Fields for the status: `le_ms`, one count more than bounds in `counts`, and `sum_ms`."""
+        """Returns the fields for the status: `le_ms`, one count more than bounds in `counts`, and `sum_ms`."""
         return {"le_ms": list(self._bounds_ms), "counts": list(self._counts), "sum_ms": round(self._sum_ms, 3)}

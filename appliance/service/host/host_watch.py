@@ -16,8 +16,9 @@ from probewatch.drivers.clock.host_clock import HostClock
 
 
 class HostWatch:
-    """period_ns: how often the tick is due. note: writes an entry of the alarm log. wall_ns: time of the calendar.
-    slept: as of `SleepWatch`. overload, ticks: what was found. woke: whether it has slept since the last tick.
+    """Watches this computer. period_ns: how often the tick is due. note: writes an entry of the alarm log. wall_ns:
+    calendar time, ns. slept: as in `SleepWatch`. overload, ticks: what was measured. woke: whether the computer has
+    slept since the last tick.
     """
 
     def __init__(
@@ -39,7 +40,7 @@ class HostWatch:
         self._log = get_log()
 
     def begin_tick(self, now_ns: int) -> None:
-        """Begin a tick, before anything else is done in it."""
+        """Begins a tick, before anything else is done in it."""
         self.ticks.note(now_ns)
         by_s = self._wall_clock.look(self._clock.real_ns(), self._wall_ns())
         if by_s is not None:
@@ -56,5 +57,5 @@ class HostWatch:
             self._note(Event.SLEPT, for_s=round(for_s, 3))
 
     def fields(self, now_ns: int) -> dict[str, Any]:
-        """Fields for the status."""
+        """Returns the fields for the status."""
         return {"tick": self.ticks.fields(), "load": self.overload.fields(now_ns)}

@@ -1,7 +1,7 @@
-"""The systemd journal as a log stream: every field of a log line becomes a field of the journal entry.
+"""Writes the log to the systemd journal: every field of a log line becomes a field of the journal entry.
 
 Protocol: systemd's "Native Journal Protocol": one datagram an entry, NAME=value lines, or NAME, newline, length as u64
-little-endian, value, newline. `journalctl -u probewatch PROBEWATCH_STATE=halt` then finds what is looked for.
+little-endian, value, newline. This allows searches such as `journalctl -u probewatch PROBEWATCH_STATE=halt`.
 """
 
 import json
@@ -13,12 +13,12 @@ from typing import Any, TextIO
 
 _SOCKET = "/run/systemd/journal/socket"
 _PRIORITIES = {"debug": 7, "info": 6, "warning": 4, "error": 3, "critical": 2}
-"""Severities of syslog(3), which PRIORITY of the journal takes."""
+"""Severities of syslog(3), which the journal's PRIORITY uses."""
 _SHOWN_ELSEWHERE = ("event", "level", "timestamp")
 
 
 class JournalStream:
-    """Takes the JSON lines of the log. What the journal does not take goes to the other stream as it is."""
+    """Takes the JSON lines of the log. Lines that the journal does not take go unchanged to the other stream."""
 
     def __init__(self, address: str, otherwise: TextIO) -> None:
         self._otherwise = otherwise
@@ -26,23 +26,23 @@ class JournalStream:
         self._socket.connect(address)
 
     def write(self, line: str) -> None:
-        """One line of the log."""
+        """Writes one line of the log."""
         try:
             self._socket.send(journal_entry(json.loads(line)))
         except (OSError, ValueError):
             self._otherwise.write(line)
 
     def close(self) -> None:
-        """The other stream stays open."""
+        """Closes the socket; the other stream stays open."""
         self._socket.close()
 
     def flush(self) -> None:
-        """Entries are not held back; what went elsewhere may be."""
+        """Flushes the other stream; entries of the journal are not held back."""
         self._otherwise.flush()
 
 
 def journal_entry(fields: dict[str, Any]) -> bytes:
-    """A log line as one datagram. MESSAGE is for a person: the event and its fields in words."""
+    """Returns a log line as one datagram. MESSAGE is for a person: the event and its fields in words."""
     shown = {name: _text(value) for name, value in fields.items() if name not in _SHOWN_ELSEWHERE}
     words = [str(fields.get("event", "")), *(f"{name}={value}" for name, value in shown.items())]
     entry = {
@@ -56,7 +56,7 @@ def journal_entry(fields: dict[str, Any]) -> bytes:
 
 
 def journal_stream(address: str = _SOCKET) -> JournalStream | None:
-    """The journal where this process's stderr is connected to it, else None."""
+    """Returns the journal where this process's stderr is connected to it, else None."""
     try:
         state = os.fstat(sys.stderr.fileno())
         if os.environ.get("JOURNAL_STREAM") == f"{state.st_dev}:{state.st_ino}":

@@ -1,5 +1,5 @@
-"""Structured log: a JSON object a line on stderr, or an entry in systemd's journal, written by a thread of its own so
-that it never delays a tick.
+"""Writes the structured log in a thread of its own, so that it never delays a tick: a JSON object a line on stderr, or
+an entry in systemd's journal.
 """
 
 import json
@@ -17,20 +17,21 @@ from probewatch.drivers.printable import printable_lines, printable_value
 _LEVELS = {"debug": 10, "info": 20, "warning": 30, "error": 40}
 """Levels of Python's logging, which structlog filters by."""
 _LONGEST_QUEUE = 2000
-"""Lines that wait for a slow reader of stderr. More takes memory, fewer drop lines of a busy minute. Not measured."""
+"""Lines that may wait for a slow reader of stderr. More takes memory, fewer drop lines when busy. Not measured."""
 
 
 class LogStream(Protocol):
-    """Where lines go: a text stream, or the journal."""
+    """Describes where lines go: a text stream, or the journal."""
 
     def write(self, line: str, /) -> object: ...
     def flush(self) -> None: ...
 
 
 class LogWriter(Closable):
-    """A bounded queue and its thread; the newest line is dropped, and counted, when the reader of stderr is slow.
+    """Queues lines, up to a limit, and writes them in a thread. When the reader of stderr is slow, the newest line is
+    dropped and counted.
 
-    How many were dropped is the next line that can be written.
+    After lines were dropped, the next line that can be written reports their number.
     """
 
     def __init__(self, stream: LogStream) -> None:
@@ -49,7 +50,7 @@ class LogWriter(Closable):
     log = debug = info = warn = warning = error = critical = exception = fatal = msg
 
     def close(self, timeout_s: float = 1.0) -> None:
-        """Write what is queued, for at most timeout_s."""
+        """Writes what is queued, for at most timeout_s."""
         try:
             self._lines.put(None, timeout=timeout_s)
         except queue.Full:
@@ -74,7 +75,7 @@ class LogWriter(Closable):
 
 
 def configure(level: str, stream: TextIO | None = None) -> LogWriter:
-    """Set structlog up for the whole process. level: debug, info, warning or error."""
+    """Sets up structlog for the whole process. level: debug, info, warning or error."""
     writer = LogWriter(stream or journal_stream() or sys.stderr)
     structlog.configure(
         processors=[
@@ -93,13 +94,13 @@ def configure(level: str, stream: TextIO | None = None) -> LogWriter:
 
 
 def _printable(_logger: object, _method: str, fields: structlog.typing.EventDict) -> structlog.typing.EventDict:
-    """Whatever came from outside by a way that was not foreseen; only a traceback has lines."""
+    """Makes printable what came from outside by an unforeseen way; only a traceback may have several lines."""
     traceback = fields.pop("exception", None)
     shown: structlog.typing.EventDict = printable_value(fields)
     return shown if traceback is None else {**shown, "exception": printable_lines(traceback)}
 
 
 def get_log(**bound: Any) -> structlog.typing.FilteringBoundLogger:
-    """A logger with fields bound."""
+    """Returns a logger with these fields bound."""
     log: structlog.typing.FilteringBoundLogger = structlog.get_logger(**bound)
     return log

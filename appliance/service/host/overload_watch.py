@@ -1,4 +1,4 @@
-"""Follows how short of time this computer is, and says it: once when an overload begins, once when it has ended."""
+"""Tracks how short of time this computer is, and reports it: once when an overload begins, once when it has ended."""
 
 import math
 from collections.abc import Callable
@@ -15,8 +15,8 @@ from probewatch.drivers.clock.host_clock import HostClock
 
 
 class OverloadWatch:
-    """One step a tick. period_ns: how often the tick is due. note: writes an entry of the alarm log. pressure: of this
-    computer, which is closed at the end.
+    """Tracks overload, one step a tick. period_ns: how often the tick is due. note: writes an entry of the alarm log.
+    pressure: that of this computer, which is closed at the end.
     """
 
     def __init__(self, period_ns: int, note: Callable[..., None], clock: HostClock, pressure: Pressure) -> None:
@@ -28,11 +28,11 @@ class OverloadWatch:
 
     @property
     def since_ns(self) -> int | None:
-        """When the present overload began, None while there is none."""
+        """Returns when the present overload began, None while there is none."""
         return self._overload.since_ns
 
     def step(self, now_ns: int, waiting_frames: int, losses: int) -> Check:
-        """The check to add to those of the device watchers. losses: of devices, since the start."""
+        """Returns the check to add to those of the device watchers. losses: of devices, since the start."""
         self._load = Load(self._pressure.share(self._clock.real_ns()), waiting_frames)
         check = self._overload.step(now_ns, self._load)
         if self.since_ns is None:
@@ -44,11 +44,11 @@ class OverloadWatch:
         return check
 
     def worth_an_entry(self, before: AlarmState | None, alarm: AlarmState) -> bool:
-        """Whether this change of state is written by itself, see OverloadNotes."""
+        """Returns whether this change of state gets an entry of its own, see OverloadNotes."""
         return self._notes.worth_an_entry(before, alarm)
 
     def fields(self, now_ns: int) -> dict[str, float | None]:
-        """Fields for status and log. Shares are of the last second."""
+        """Returns the fields for status and log. Shares are of the last second."""
         pressure, since_ns = self._overload.pressure, self.since_ns
         return {
             "pressure": None if math.isnan(pressure) else round(pressure, 3),
@@ -58,7 +58,7 @@ class OverloadWatch:
         }
 
     def close(self, now_ns: int, losses: int) -> None:
-        """The service ends: what was counted is said."""
+        """Reports what was counted, as the service ends."""
         self._end(now_ns, losses)
         self._pressure.close()
 

@@ -1,4 +1,4 @@
-"""The kernel's pressure stall information: for how long programs waited for the processor or for memory."""
+"""Reads the kernel's pressure stall information: for how long programs waited for the processor or for memory."""
 
 import os
 import re
@@ -8,15 +8,16 @@ from pathlib import Path
 from probewatch.appliance.service.host.log import get_log
 
 _RESOURCES = ("cpu", "memory")
-"""Not io: a tick waits for no disk, and one that is busy disturbs nothing."""
+"""Resources that are read. Not io: a tick waits for no disk, and a busy one disturbs nothing."""
 _TOTAL = re.compile(rb"^some .*\btotal=(\d+)$", re.M)
 
 
 class Pressure:
-    """Pressure on the service's own control group where there is one, else on the whole machine.
+    """Measures the pressure on the service's own control group where there is one, else on the whole machine.
 
-    The first says what this service lacks; the second also counts programs that wait without harm to it. Neither exists
-    on kernels built without CONFIG_PSI or started with psi=0, nor, of the whole machine, under ProcSubset=pid.
+    The first shows what this service lacks; the second also counts programs that wait without harm to it. Neither
+    exists on kernels built without CONFIG_PSI or started with psi=0; that of the whole machine does not exist under
+    ProcSubset=pid either.
     """
 
     def __init__(self, proc: Path = Path("/proc"), groups: Path = Path("/sys/fs/cgroup")) -> None:
@@ -32,7 +33,8 @@ class Pressure:
         self._files = []
 
     def share(self, real_ns: int) -> float:
-        """Share of the time since the last call, 0 … 1, in which some program waited; NaN where it is not known.
+        """Returns the share of the time since the last call, 0 … 1, in which some program waited; NaN where it is not
+        known.
 
         real_ns: CLOCK_MONOTONIC.
         """
@@ -54,7 +56,7 @@ class Pressure:
 
 
 def _own_group(proc: Path, groups: Path) -> Path:
-    """Folder of the control group; one that does not exist where there is none but the root's."""
+    """Returns the folder of the control group; where there is none but the root's, a folder that does not exist."""
     try:
         found = re.search(r"^0::/(.+)$", (proc / "self/cgroup").read_text(), re.M)
     except OSError:
@@ -63,7 +65,7 @@ def _own_group(proc: Path, groups: Path) -> Path:
 
 
 def _opened(folder: Path, name: str) -> list[int]:
-    """Every resource's file, or none."""
+    """Opens the files of all resources, or none."""
     files: list[int] = []
     try:
         for resource in _RESOURCES:

@@ -26,33 +26,37 @@ from probewatch.drivers.files.lock import held_lock, is_held
 from probewatch.drivers.printable import printable_value
 
 LOCK = ".lock"
-"""File in the folder of the alarm log that the service holds."""
+"""File in the folder of the alarm log on which the service holds a lock."""
 _MOST_WAITING = 10_000
-"""Entries, while the disk does not take them. More takes memory, fewer lose entries sooner (docs/failures.md)."""
+"""Entries kept while the disk does not take them. More takes memory, fewer lose entries sooner (docs/failures.md)."""
 _LOOK_S = 10.0
-"""Between two looks at the room on the disk while nothing is to be written: each costs a wake-up, and a disk that fills
-up takes minutes.
+"""s between two measurements of the room on the disk while nothing is to be written: each costs a wake-up, and a disk
+that fills up takes minutes.
 """
 RETRY_S = 1.0
-"""Between two tries to write: how long room on a full disk may go unnoticed, against work for nothing."""
+"""s between two attempts to write. More leaves room on a full disk unnoticed for longer; less does work for nothing."""
 OPEN_S, END_S = 2.0, 2.0
-"""How long start and end wait for the disk. Longer holds the alarm up; shorter starts in alarm, *alarm memory is
-damaged*, on a slow disk, and loses its last entries (docs/failures.md).
+"""s, how long start and end wait for the disk. More delays the alarm; less starts in alarm, *alarm memory is damaged*,
+on a slow disk, and loses its last entries (docs/failures.md).
 """
 _AHEAD = 1 << 20
-"""Bytes of the log that the disk is asked for at a time at the start, each within OPEN_S. More calls a slow disk
-silent; fewer costs calls."""
+"""Bytes of the log that are read from the disk at a time at the start, each within OPEN_S. More makes a slow disk count
+as silent; fewer costs calls.
+"""
 _VERIFIED_S = 500_000
-"""Bytes of the log that are verified in a second at the least, once the disk has given them. Here it is 22 million, on
-one core that does nothing else: 1 s for 38,000 entries. More starts in alarm, *alarm memory is damaged*, on a slow or
-busy computer whose log is whole; fewer waits longer for a disk that dies meanwhile."""
+"""Bytes of the log that are verified in a second at the least, once the disk has delivered them. Measured here: 22
+million, on one core that does nothing else, which is 1 s for 38,000 entries. More starts in alarm, *alarm memory is
+damaged*, on a slow or busy computer whose log is whole; fewer waits longer for a disk that dies meanwhile.
+"""
 _LONGEST_OPEN_S = 60.0
-"""For which a start waits for the log however it goes on: less than the unit's TimeoutStartSec. The contact is open."""
+"""s, the longest that a start waits for the log, whatever its progress: less than the unit's TimeoutStartSec. The
+contact is open meanwhile.
+"""
 _POLL_S = 0.02
-"""Between two looks at how far the log is read at the start. Longer ends a wait later, shorter wakes up more often."""
+"""s between two checks of how far the log has been read at the start. More ends a wait later, less costs wake-ups."""
 _SILENT_NS = 2_000_000_000
-"""For which the disk may not answer before that is reported: no alarm, so a disk that spins up is not worth a word.
-Reported within 3 s (docs/failures.md).
+"""ns for which the disk may not answer before that is reported: it is no alarm, so a disk that spins up is not worth a
+report. Reported within 3 s (docs/failures.md).
 """
 
 
@@ -66,13 +70,13 @@ class _Note:
 
 
 class Recorder(threading.Thread):
-    """Runs from its construction on, which opens the log, so that what was latched is known before the first tick.
-    Where the disk does not answer for two seconds it is not known, which is damage; a long log takes its time.
-    Construction raises DeviceLost where another service writes there.
+    """Opens the log as soon as it is constructed, so that what was latched is known before the first tick. When the
+    disk does not answer for two seconds it is not known, which counts as damage; a long log may take longer.
+    Construction raises DeviceLost when another service writes there.
 
     latch, damage: of the last run, see appliance.storage.alarm_log.AlarmLog. written: number of the last entry on the
     disk. dropped: notes that did not fit into memory either. free_bytes: room that the disk has for the log, None while
-    it is not known. failure: an error of ours, which has ended the thread; the tick raises it.
+    it is not known. failure: the exception that has ended the thread; the tick raises it.
     """
 
     def __init__(self, folder: Path, clock: HostClock) -> None:
@@ -104,7 +108,9 @@ class Recorder(threading.Thread):
                 self.damage = (Fault.MEMORY_DAMAGED,)  # what was latched is not known
 
     def note(self, event: Event, latch: Latch | None, **data: Any) -> None:
-        """Add an entry; never blocks. When too many wait the newest takes the place of the one before it, counted."""
+        """Adds an entry; never blocks. When too many wait, the newest replaces the one before it, which counts as
+        dropped.
+        """
         note = _Note(datetime.now(UTC), self._clock.now_ns(), event, printable_value(data), latch)
         if len(self._waiting) >= _MOST_WAITING:
             self.dropped += 1
@@ -114,17 +120,17 @@ class Recorder(threading.Thread):
         self._wake.set()
 
     def accept_damage(self, fault: Fault | None) -> None:
-        """A person has acknowledged this class; the next entry makes that last."""
+        """Records that a person has acknowledged this class of damage; the next entry makes that permanent."""
         with self._damage_lock:
             self.damage = tuple(one for one in self.damage if one != fault)
 
     @property
     def failing(self) -> str | None:
-        """Why nothing can be written now; None when it can."""
+        """Returns why nothing can be written now; None when it can."""
         return self._silence() or self._error
 
     def watch(self, overloaded: bool = False) -> None:
-        """Say once in the log when the disk does not answer, and once when it does again; the thread itself hangs.
+        """Logs once when the disk does not answer, and once when it does again; the recorder's own thread hangs then.
 
         overloaded: this computer is short of time, which is no fault of the disk.
         """
@@ -139,18 +145,18 @@ class Recorder(threading.Thread):
 
     @property
     def waiting(self) -> int:
-        """Entries that are not on the disk yet."""
+        """Returns the number of entries that are not on the disk yet."""
         return len(self._waiting)
 
     def waited_ns(self, now_ns: int) -> int:
-        """Age of the oldest entry that is not on the disk yet."""
+        """Returns the age of the oldest entry that is not on the disk yet."""
         try:
             return now_ns - self._waiting[0].t_ns
         except IndexError:
             return 0
 
     def close(self) -> None:
-        """Write what waits, for at most two seconds."""
+        """Writes what waits, for at most two seconds."""
         self._ending = True
         self._wake.set()
         self.join(END_S)
@@ -166,20 +172,18 @@ class Recorder(threading.Thread):
         except BaseException as error:
             self.failure = error
         finally:
-            self._let_others_in()  # the descriptor is of this thread alone
+            self._let_others_in()  # the descriptor belongs to this thread alone
             self._opened.set()
 
     def _await_log(self) -> None:
-        """Wait while the disk gives more of the log, then for as long as what it has given takes to verify."""
+        """Waits while the disk delivers more of the log, then for as long as what it has delivered takes to verify."""
         end_s = time.monotonic() + _LONGEST_OPEN_S
         while not self._opened.wait(_POLL_S):
             if time.monotonic() >= min(end_s, self._answered_s + OPEN_S + self._verifying_s):
                 return
 
     def _read_ahead(self) -> None:
-        """Ask the disk for the whole log, which verifying it then finds in memory. What cannot be read is found then,
-        too.
-        """
+        """Reads the whole log, so that the verification finds it in memory. Errors are left to the verification."""
         size = 0
         for segment in segments(self._folder):
             with suppress(OSError), segment.open("rb", buffering=0) as stream:
@@ -189,7 +193,7 @@ class Recorder(threading.Thread):
         self._verifying_s = size / _VERIFIED_S
 
     def _silence(self) -> str | None:
-        """Which file has not answered for how long; None while the disk takes no longer than it may."""
+        """Returns which file has not answered and for how long; None while the disk takes no longer than it may."""
         asked_ns = self._asked_ns
         age_ns = 0 if asked_ns is None else self._clock.now_ns() - asked_ns
         if age_ns < _SILENT_NS:
@@ -225,7 +229,7 @@ class Recorder(threading.Thread):
             self._note_success()
 
     def _report_dropped(self) -> None:
-        """What did not fit while nothing could be written is missed before the last entry."""
+        """Writes an entry with the number of those that did not fit into memory while nothing could be written."""
         dropped = self.dropped - self._reported_dropped
         if dropped and self._alarm_log is not None:
             utc, t_ns = datetime.now(UTC), self._clock.now_ns()
@@ -234,7 +238,7 @@ class Recorder(threading.Thread):
             self._reported_dropped += dropped
 
     def _look_at_room(self) -> None:
-        """Measure the free space of the disk, for people who plan; nothing depends on it."""
+        """Measures the free space of the disk, for people who plan; nothing depends on it."""
         try:
             with self._asking():
                 disk = os.statvfs(self._folder)
@@ -244,7 +248,7 @@ class Recorder(threading.Thread):
             self.free_bytes = disk.f_bavail * disk.f_frsize
 
     def _look_at_lock(self) -> None:
-        """Lock it anew where somebody has taken the file away, which would let a second service in."""
+        """Takes a new lock when somebody has removed the file, which would let a second service in."""
         held, file = self._lock_fd, self._folder / LOCK
         with suppress(OSError), self._asking():
             if held is None or self._alarm_log is None or is_held(file, held):
@@ -252,7 +256,7 @@ class Recorder(threading.Thread):
             try:
                 self._lock_fd = held_lock(file)
             except BlockingIOError:
-                self._lock_fd = None  # it is not ours any more; the log shows what both have written
+                self._lock_fd = None  # the lock is not ours any more; the log shows what both have written
                 self._log.error("another probewatch service writes here as well", file=str(file))
             else:
                 self._log.warning("the file that keeps a second service out was taken away", file=str(file))
@@ -283,8 +287,8 @@ class Recorder(threading.Thread):
             self._log.warning("alarm log", damage=str(damage))
 
     def _keep_out_others(self) -> None:
-        """Two services would number their entries alike, and one would take back what the other has latched. Where the
-        disk takes no lock, nobody is kept out. Raises DeviceLost.
+        """Locks the folder. Two services would number their entries alike, and one would undo what the other has
+        latched. Where the disk takes no lock, no service is kept out. Raises DeviceLost.
         """
         self._let_others_in()
         try:
@@ -304,7 +308,7 @@ class Recorder(threading.Thread):
 
     @contextmanager
     def _asking(self) -> Iterator[None]:
-        """The disk is asked for something and may not answer."""
+        """Marks the time in which the disk was asked for something and may not answer."""
         self._asked_ns = self._clock.now_ns()
         try:
             yield
@@ -312,7 +316,7 @@ class Recorder(threading.Thread):
             self._asked_ns = None
 
     def _begin_again(self) -> None:
-        """The folder was taken away: the next attempt makes it again, and what it held is missed."""
+        """Records that the folder was removed: the next attempt makes it again, and what it held counts as damage."""
         if self._alarm_log is not None:
             with self._damage_lock:
                 self._alarm_log = None
@@ -330,6 +334,6 @@ class Recorder(threading.Thread):
 
 
 def _integrity_class(fault: str) -> Fault:
-    """Another version may have known classes that this one cannot show."""
+    """Returns the class of an integrity fault, MEMORY_DAMAGED for one that only another version knows."""
     known = fault in HAZARDS and Fault(fault).kind is Kind.INTEGRITY
     return Fault(fault) if known else Fault.MEMORY_DAMAGED

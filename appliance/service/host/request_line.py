@@ -8,7 +8,7 @@ from typing import Any
 from probewatch.drivers.printable import printable
 
 _LONGEST_NAME, _MOST_NAMES = 40, 8
-"""Signs of a field's name in a reply, and names: more is a client that says anything. Not measured."""
+"""Characters of a field's name in a reply, and names in it: a client with more sends arbitrary text. Not measured."""
 
 
 def request_fields(line: bytes, version: int) -> dict[str, Any]:
@@ -38,7 +38,7 @@ def unknown_fields(fields: Iterable[str], known: Iterable[str]) -> tuple[str, ..
 
 
 def _once(pairs: Iterable[tuple[str, Any]]) -> dict[str, Any]:
-    """Refuses a field that is given twice, because readers interpret it differently."""
+    """Returns the fields. Raises ValueError for one that is given twice, because readers interpret it differently."""
     fields: dict[str, Any] = {}
     for key, value in pairs:
         if key in fields:

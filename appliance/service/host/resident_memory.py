@@ -1,4 +1,4 @@
-"""What a process has loaded stays in memory: no rare path waits for the disk, no tick for the garbage collector."""
+"""Keeps what a process has loaded in memory: no rare path waits for the disk, and no tick for the garbage collector."""
 
 import ctypes
 import gc
@@ -10,7 +10,7 @@ _MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4
 
 
 def lock_memory() -> bool:
-    """mlockall(2), each page from its first use on. False where this process may not lock as much as it needs."""
+    """Calls mlockall(2), each page from its first use on. Returns False where this process may not lock enough."""
     unlimited = resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] == resource.RLIM_INFINITY
     if os.geteuid() != 0 and not unlimited:
         return False
@@ -18,10 +18,10 @@ def lock_memory() -> bool:
 
 
 def keep_what_is_loaded() -> None:
-    """Leave everything that exists now out of all later garbage collections.
+    """Leaves everything that exists now out of all later garbage collections.
 
     The service and its estimator hold some 90,000 objects once loaded; a collection that walks them takes 15 to 27 ms,
-    at a moment of its own choosing, and frees none.
+    at an arbitrary moment, and frees none.
     """
     gc.collect()
     gc.freeze()

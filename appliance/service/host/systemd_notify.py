@@ -1,4 +1,4 @@
-"""Tells the service manager READY=1 and WATCHDOG=1 over the datagram socket it names (sd_notify(3))."""
+"""Sends READY=1 and WATCHDOG=1 to the service manager over the datagram socket that it names (sd_notify(3))."""
 
 import os
 import socket
@@ -7,7 +7,7 @@ from probewatch.drivers.printable import printable
 
 
 class Notifier:
-    """Silent where no service manager listens. Never blocks: a full socket loses the datagram, not the tick."""
+    """Notifies the service manager, where one listens. Never blocks: a full socket loses the datagram, not the tick."""
 
     def __init__(self, address: str | None = None) -> None:
         address = os.environ.get("NOTIFY_SOCKET", "") if address is None else address
@@ -16,13 +16,13 @@ class Notifier:
         self._ready = False
 
     def alive(self, status: str) -> None:
-        """A tick and an output write are complete."""
+        """Reports that a tick and an output write are complete."""
         first = "" if self._ready else "READY=1\n"
         self._ready = True
         self._send(f"{first}WATCHDOG=1\nSTATUS={printable(status)}")
 
     def close(self) -> None:
-        """Say that the stop is meant."""
+        """Reports that the stop is intended."""
         self._send("STOPPING=1")
         self._socket.close()
 

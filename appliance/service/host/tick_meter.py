@@ -1,4 +1,4 @@
-"""How regularly the tick comes."""
+"""Measures how regularly the tick comes."""
 
 from collections import deque
 from typing import Any
@@ -6,16 +6,16 @@ from typing import Any
 from probewatch.appliance.service.host.delay_histogram import DelayHistogram
 
 _MOST = 2000
-"""100 s of ticks, so that the 99th percentile stands on twenty. More hides in it what the last minute was like."""
+"""Intervals: 100 s, so that the 99th percentile rests on twenty. More hides in it what the last minute was like."""
 _BOUNDS_MS = (10.0, 20.0, 30.0, 40.0, 50.0, 52.0, 55.0, 60.0, 75.0, 100.0, 150.0, 250.0, 500.0, 1000.0)
-"""Bounds of the histogram. The tick is due after 50 ms at the latest and late from 75 on; an output opens by itself
+"""ms, bounds of the histogram. The tick is due after 50 ms at the latest and late from 75 on; an output opens by itself
 after 250.
 """
 
 
 class TickMeter:
-    """late: ticks that came more than half a period too late. Beside the counts since the start, all else is over the
-    last _MOST ticks.
+    """Measures the intervals between ticks. late: ticks that came more than half a period late. This and the histogram
+    count since the start; the other figures are over the last _MOST ticks.
     """
 
     def __init__(self, period_ns: int) -> None:
@@ -26,7 +26,7 @@ class TickMeter:
         self._counted = DelayHistogram(_BOUNDS_MS)
 
     def note(self, now_ns: int) -> None:
-        """A tick begins."""
+        """Records that a tick begins at now_ns."""
         if self._last_ns is not None:
             interval_ns = now_ns - self._last_ns
             self._intervals_ns.append(interval_ns)
@@ -35,7 +35,7 @@ class TickMeter:
         self._last_ns = now_ns
 
     def fields(self) -> dict[str, Any]:
-        """Intervals in ms: median, 99th percentile, longest; and all since the start, counted."""
+        """Returns the intervals in ms: median, 99th percentile, longest; and the histogram of all since the start."""
         ordered = sorted(self._intervals_ns) or [0]
         at = {"median_ms": len(ordered) // 2, "p99_ms": len(ordered) * 99 // 100, "longest_ms": len(ordered) - 1}
         latest = {name: round(ordered[index] / 1e6, 3) for name, index in at.items()}

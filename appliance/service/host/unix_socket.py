@@ -1,5 +1,5 @@
-"""A Unix socket that a group may use: made where a killed service may have left one, reached through a crowd, and heard
-line by line.
+"""Provides a Unix socket that a group may use. It can replace one that a killed service has left, be reached through a
+crowd, and be read line by line.
 """
 
 import errno
@@ -19,14 +19,15 @@ _ACL = "system.posix_acl_access"
 _ACL_VERSION = 2
 _OWNER, _USER, _GROUP, _MASK, _OTHERS = 0x01, 0x02, 0x04, 0x10, 0x20
 _NO_ID = 0xFFFFFFFF
-"""Id of entries that name no user. All of these by <linux/posix_acl_xattr.h> and <linux/posix_acl.h>."""
+"""Id of entries that name no user. All of these are from <linux/posix_acl_xattr.h> and <linux/posix_acl.h>."""
 _READ_BYTES = 1 << 14
-"""Asked of the kernel at once; a status has some 20 kB. Not measured."""
+"""Bytes requested from the kernel at once; a status has some 20 kB. Not measured."""
 _MAY, _MAY_NOT = stat.S_IROTH | stat.S_IWOTH, 0
 
 
 def listening(path: Path, group: str, backlog: int, users: Iterable[int] = ()) -> socket.socket:
-    """Mode 0660, of the group if one is named, and of these users, by id, whatever group they are in.
+    """Returns a listening socket, mode 0660, of the group if one is named, and of these users, by id, whatever group
+    they are in.
 
     Raises OSError, and LookupError where there is no such group.
     """
@@ -46,7 +47,7 @@ def listening(path: Path, group: str, backlog: int, users: Iterable[int] = ()) -
 
 
 def _admit(path: Path, users: Iterable[int]) -> None:
-    """An access control list. On a file system that has none, the users need the group, as everybody does."""
+    """Sets an access control list. On a file system without these, the users need the group, as everybody does."""
     named = [(_USER, _MAY, uid) for uid in sorted(users)]
     if not named:
         return
@@ -62,7 +63,9 @@ def _admit(path: Path, users: Iterable[int]) -> None:
 
 
 def connected(path: Path, timeout_s: float) -> socket.socket:
-    """Raises OSError. Blocks, so that the kernel keeps the place in the queue where a crowd waits to be accepted."""
+    """Returns a connected socket. Raises OSError. Connecting blocks, so that the kernel keeps the place in the queue
+    where a crowd waits to be accepted.
+    """
     seconds, fraction = divmod(timeout_s, 1)
     link = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     try:
@@ -76,9 +79,10 @@ def connected(path: Path, timeout_s: float) -> socket.socket:
 
 
 class Lines:
-    """What the other end says, line by line. The deadline is that of a whole line: bytes that drip do not move it.
+    """Reads what the other end sends, line by line. The deadline is that of a whole line: bytes that trickle in do not
+    extend it.
 
-    most_bytes: of a line.
+    most_bytes: the longest line.
     """
 
     def __init__(self, link: socket.socket, most_bytes: int) -> None:
@@ -86,8 +90,8 @@ class Lines:
         self._received = bytearray()
 
     def next(self, timeout_s: float) -> bytes:
-        """One line with its end; empty where the connection has ended before it. Leaves another timeout of the socket
-        behind. Raises TimeoutError, ValueError for a line that is too long, OSError.
+        """Returns one line with its end; empty when the connection has ended before it. Leaves another timeout set on
+        the socket. Raises TimeoutError, ValueError for a line that is too long, OSError.
         """
         end_s = time.monotonic() + timeout_s
         while b"\n" not in self._received:
@@ -102,8 +106,8 @@ class Lines:
 
 
 def received_by(link: socket.socket, most_bytes: int, end_s: float) -> bytes:
-    """Receive, like recv, until end_s by time.monotonic, which may be inf. What has come by then counts, however late
-    this host looks at it. Raises OSError, TimeoutError among them.
+    """Receives, like recv, until end_s of time.monotonic, which may be inf. What has come by then counts, however late
+    this host reads it. Raises OSError, TimeoutError among them.
     """
     link.settimeout(None if end_s == math.inf else max(0.0, end_s - time.monotonic()))
     try:
@@ -113,7 +117,7 @@ def received_by(link: socket.socket, most_bytes: int, end_s: float) -> bytes:
 
 
 def _remove_socket(path: Path) -> None:
-    """What a killed service left. Raises OSError; what is no socket is not ours to remove."""
+    """Removes what a killed service left. Raises OSError; a file that is no socket is not ours to remove."""
     try:
         if not stat.S_ISSOCK(path.lstat().st_mode):
             raise FileExistsError(17, "there is another file of that name")

@@ -1,8 +1,8 @@
-"""Steps of the wall clock: nothing is timed by it, but the times in the logs jump, and that is to be said."""
+"""Detects steps of the wall clock: nothing is timed by it, but the times in the logs jump, which is reported."""
 
 _LEAST_NS = 1_000_000_000
-"""Less is not worth an entry: times in the logs are read to the second. Clocks that are slewed never come near to it in
-a tick.
+"""ns. A smaller step is not worth an entry: times in the logs are read to the second. Clocks that are slewed never come
+near to it in a tick.
 """
 
 
@@ -13,7 +13,7 @@ class WallClock:
         self._ahead_ns: int | None = None
 
     def look(self, monotonic_ns: int, wall_ns: int) -> float | None:
-        """Step of the wall clock since the last look, s; None where there was none."""
+        """Returns the step of the wall clock since the last look, s; None where there was none."""
         ahead_ns, before_ns = wall_ns - monotonic_ns, self._ahead_ns
         self._ahead_ns = ahead_ns
         if before_ns is None or abs(ahead_ns - before_ns) < _LEAST_NS:
