@@ -1,1 +1,1 @@
-"""The cross-wire scan: from pictures of a wire crossing to the offset of the marker body. Pure."""
+"""Derives the offset of the marker body from pictures of a wire crossing (cross-wire scan). Pure."""

@@ -1,4 +1,6 @@
-"""The last step of the procedure: a point that no calibration was made of, put where the new calibration says. Pure."""
+"""Checks, as the last step of the procedure, whether a new calibration puts a point where it is. No calibration was
+made from that point. Pure.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,19 +12,20 @@ from probewatch.appliance.crosswire.scan import View
 from probewatch.appliance.types import Calibration, Vector
 
 LEAST_VIEWS = 3
-"""From as many sides; fewer agree too easily."""
+"""The least number of views, from as many sides; fewer agree too easily."""
 PASS_MM = 1.0
-"""RMS: between the .5 mm that a guided scan gives on rendered scans and the 1.5 mm published for crossed wires by hand
-(Prager and others 1998), so that a good one passes and a usual one does not.
-"""
+"""RMS distance, mm, that passes: between the .5 mm that a guided scan gives on rendered scans and the 1.5 mm published
+for crossed wires by hand (Prager and others 1998), so that a good scan passes and a usual one does not."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PointCheck:
-    """points_mm: (N, 3) where each view puts the point, tracker axes. error_mm: RMS distance from where it is.
+    """Holds the result of the check. points_mm: (N, 3) where each view puts the point, tracker axes. error_mm: RMS
+    distance from where the point is.
 
-    known: whether that was measured by other means; else it is their mean, and error_mm says how well they agree,
-    corrected for having been taken from themselves. An error that all views share shows only where it is known.
+    known: whether its place was measured by other means; otherwise their mean is used, and error_mm states how well
+    they agree, corrected for having taken the mean from the same points. An error that all views share shows only where
+    the place is known.
     """
 
     points_mm: Vector
@@ -36,7 +39,7 @@ class PointCheck:
 
 
 def reconstructed_mm(calibration: Calibration, views: Sequence[View]) -> Vector:
-    """(N, 3) tracker axes: where each view's picture point lies."""
+    """Returns where each view's picture point lies, (N, 3), tracker axes."""
     centre_px = (np.array(calibration.image_size_px) - 1) / 2
     signed = np.array(calibration.polarity) * calibration.scale_mm_per_px
     in_plane = np.array([(view.centre_px - centre_px) * signed for view in views])
@@ -46,8 +49,8 @@ def reconstructed_mm(calibration: Calibration, views: Sequence[View]) -> Vector:
 
 
 def check_point(calibration: Calibration, views: Sequence[View], known_mm: Vector | None = None) -> PointCheck:
-    """Measures how far a calibration puts the views of one point apart. views: of a crossing that the calibration was
-    not made of. known_mm: (3,) where it is, tracker axes, if known.
+    """Measures how far apart a calibration puts the views of one point. views: those of a crossing from which the
+    calibration was not made. known_mm: (3,) where the point is, tracker axes, if known.
 
     Raises ScanRefused where it was seen from fewer than three sides.
     """

@@ -1,8 +1,8 @@
-"""How the probe was held while the crossing was seen, and where to hold it next. Pure.
+"""Measures how the probe was held while the crossing was seen, and advises where to hold it next. Pure.
 
-Three turns, in the picture's own axes and counted from the mean of all views: about the lateral axis the handle leans
-forwards and backwards, about the axial axis it twists, about the elevational axis it leans to the sides. And the
-place in the picture where the crossing appeared, on a grid of three by three.
+There are three turns, in the picture's own axes and counted from the mean of all views: about the lateral axis the
+handle leans forwards and backwards, about the axial axis it twists, about the elevational axis it leans to the sides.
+In addition, the place in the picture where the crossing appeared counts, on a grid of three by three.
 """
 
 from collections.abc import Sequence
@@ -17,36 +17,37 @@ from probewatch.appliance.types import Vector
 from probewatch.drivers.rigid import nearest_rotation, rotation_from_vector, skew, vector_from_rotation
 
 TURNS = ("lean forwards and backwards", "twist left and right", "lean to the sides")
-"""About the lateral, axial and elevational axis: what the hand does."""
+"""What the hand does for a turn about the lateral, axial and elevational axis."""
 _TOWARDS = (
     ("lean the handle towards you", "lean the handle away from you"),
     ("twist the probe clockwise, seen from above", "twist the probe anticlockwise, seen from above"),
     ("lean the handle to the right", "lean the handle to the left"),
 )
-"""Positive and negative turn of the picture, for one who stands so that its marked side is on the left."""
+"""The positive and negative turn of the picture, for a person who stands so that its marked side is on the left."""
 _PLACES = (
     ("top left", "top", "top right"),
     ("left", "middle", "right"),
     ("bottom left", "bottom", "bottom right"),
 )
 BIN_EDGES_DEG = (-30.0, -20.0, -10.0, 0.0, 10.0, 20.0, 30.0)
-"""Edges of the bins of covered angles: steps that a hand can distinguish. The outermost bins hold all that is
-beyond."""
+"""Edges, deg, of the bins of covered angles: steps that a hand can distinguish. The outermost bins hold all beyond."""
 _ASKED_DEG = 20.0
-"""To which a turn is advised: further the wires no longer echo, nearer it shows less. Not varied."""
+"""Angle, deg, to which a turn is advised: further out the wires no longer echo, nearer it shows less. Not varied."""
 _MORE_VIEWS = 3
-"""By which a motion is judged before it is made: a few passages. More or fewer hardly change which one is best."""
+"""The number of views by which a motion is judged before it is made: a few passages. Other numbers hardly change which
+motion is best."""
 _ENOUGH_VIEWS = 2
-"""In each half of a turn's range beyond 10° and in each place, for it to count as covered."""
+"""The number of views, in each half of a turn's range beyond 10° and in each place, from which it counts as covered."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Coverage:
-    """angles_deg: (N, 3) turns of the kept views. spread_deg: (3,) their standard deviation.
+    """Holds how the views cover turns and places. angles_deg: (N, 3) turns of the kept views. spread_deg: (3,) their
+    standard deviation.
 
     bins: (3, 6) views by angle, between BIN_EDGES_DEG. places: (3, 3) views by row and column of the picture.
     in_picture_axes: False while the calibration is not known; the three turns are then about the marker body's axes.
-    next_motion: what to do next, in words; empty where all is covered.
+    next_motion: what to do next, in words; empty where everything is covered.
     """
 
     angles_deg: Vector
@@ -63,8 +64,8 @@ def coverage(
     solution: WholeSolution | None = None,
     wanted: Vector | None = None,
 ) -> Coverage:
-    """Measures how the views cover the tilts, and names the next motion. solution: of these views, as far as there is
-    one. wanted: (8,) standard deviations asked of its parameters.
+    """Measures how the views cover the tilts, and names the next motion. solution: that of these views, as far as there
+    is one. wanted: (8,) standard deviations required of its parameters.
     """
     rotation = np.eye(3) if solution is None else solution.calibration.rotation
     angles = np.zeros((0, 3))
@@ -92,7 +93,7 @@ def _binned(angles_deg: Vector) -> NDArray[np.intp]:
 
 
 def _first_uncovered(angles_deg: Vector, places: NDArray[np.intp]) -> str:
-    """Any turn that is missing, then any place: for as long as nothing is known of the probe."""
+    """Returns advice on any turn that is missing, then on any place, for as long as nothing is known of the probe."""
     reached = [
         [np.sum(side * angles_deg[:, axis] > _ASKED_DEG / 2) >= _ENOUGH_VIEWS for side in (1, -1)] for axis in range(3)
     ]
@@ -109,7 +110,7 @@ def _place_words(row: int, column: int) -> str:
 def _best_next(
     solution: WholeSolution, mean: Vector, angles_deg: Vector, places: NDArray[np.intp], wanted: Vector
 ) -> str:
-    """The turn or place, among those not covered yet, after which the worst parameter is best known."""
+    """Returns the turn or place, among those not covered yet, after which the worst parameter is known best."""
     tried = {}
     for axis, side in [(axis, side) for axis in range(3) for side in (1, -1)]:
         if np.sum(side * angles_deg[:, axis] > _ASKED_DEG / 2) < _ENOUGH_VIEWS:
@@ -122,7 +123,10 @@ def _best_next(
 
 
 def _after(solution: WholeSolution, mean: Vector, turn: Vector, place: tuple[int, int], wanted: Vector) -> float:
-    """Worst standard deviation ÷ wanted after some more views so held. place: row and column of the grid."""
+    """Returns the worst ratio of standard deviation to the wanted one after some more views held in that way. turn:
+    (3,) rad, about the picture's axes from the mean. place: row and column of the grid.
+    """
+    # Adds the information of _MORE_VIEWS views at that place and turn to that of the solution.
     calibration = solution.calibration
     third = np.array(calibration.image_size_px) / 3
     signed = np.array(calibration.polarity) * calibration.scale_mm_per_px

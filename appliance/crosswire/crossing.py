@@ -1,13 +1,13 @@
-"""Where two crossed wires meet in a B-mode picture of a water tank. Pure.
+"""Finds where two crossed wires meet in a B-mode picture of a water tank. Pure.
 
-Away from their crossing the plane cuts the wires in two spots; nearer, the spots melt into one V or X; at the crossing
-they lie on one another, point-symmetric about it. So one compact spot is a sighting, and the narrowest of a series of
-sightings is the passage through the crossing.
+Away from their crossing the plane cuts the wires in two spots; nearer to it, the spots merge into one V or X; at the
+crossing they lie on one another, point-symmetric about it. So one compact spot is a sighting, and the narrowest of a
+series of sightings is the passage through the crossing.
 
-Spots are judged by how far they stand out of what surrounds them, not of the whole picture, so that speckle, haze and
-the dark below a shadow do not count. Walls and reverberation lines are too wide for a wire; an echo straight below a
-stronger one is its reverberation; what is weaker and smaller than the strongest spot is a bubble, for an oblique wire
-is drawn out by the thickness of the slice.
+Spots are judged by how far they stand out from their surroundings, not from the whole picture, so that speckle, haze
+and the dark below a shadow do not count. Walls and reverberation lines are too wide for a wire; an echo straight below
+a stronger one is its reverberation; what is weaker and smaller than the strongest spot is a bubble, because an oblique
+wire is drawn out by the thickness of the slice.
 """
 
 from dataclasses import dataclass
@@ -21,83 +21,72 @@ from probewatch.appliance.types import Vector
 from probewatch.drivers.samples import GreyImage
 
 ROUGH_SCALE_MM_PER_PX = (0.075, 0.075)
-"""Scale of a picture of which nothing is known: 5 cm deep in 640 rows. It only sets how large a wire may be, and a
-factor of two either way leaves the finder's promise as it is (tests).
-"""
+"""Scale, mm per pixel, of a picture of which nothing is known: 5 cm of depth in 640 rows. It only sets how large a wire
+may be, and a factor of two either way does not affect what the finder promises (tests)."""
 _SMOOTH_PX = 1.5
-"""Sigma, before a spot is looked for: a single hot pixel keeps 7 % of its height. More melts near wires into one."""
+"""Sigma, px, of the smoothing before a spot is sought: a single hot pixel keeps 7 % of its height. More merges wires
+that are near one another into one."""
 _LEAST_CONTRAST_GREY = 60
-"""Contrast of the brightest spot over what surrounds it. Less takes echoes of the tank for wires: one of 12 dB over the
-noise is 51 greys of 60 dB (tests/appliance/crosswire/test_crossing.py); more asks for gain.
-"""
+"""Least contrast, grey levels, of the brightest spot over its surroundings. Less takes echoes of the tank for wires:
+one of 12 dB over the noise is 51 greys of 60 dB (tests/appliance/crosswire/test_crossing.py); more asks for gain."""
 _LEAST_CONTRAST_SD = 3.5
 """The same in standard deviations of the surroundings: the brightest of ten thousand grains of speckle stands 2.1 of
-them over their median. Less takes grains for wires, more loses wires in haze.
-"""
+them above their median. Less takes grains for wires, more loses wires in haze."""
 _DEPTH_OF_SPOT = 0.25
-"""Share of that contrast, from the top, that is the spot. More joins what is beside it; less leaves few pixels for the
-centre. Not measured.
-"""
+"""Share of that contrast, from the top, that counts as the spot. More joins what is beside it; less leaves few pixels
+for the centre. Not measured."""
 _RIVAL_SHARE = 0.6
-"""Share of the strongest contrast, from which on another spot may be the other wire: one that lies in a shadow of 10 dB
-where 60 dB are shown still is. Less takes clutter for the other wire, more takes one wire for the crossing.
-"""
+"""Share of the strongest contrast, from which another spot may be the other wire: this includes one in a shadow of
+10 dB where 60 dB are shown. Less takes clutter for the other wire, more takes one wire for the crossing."""
 _SAME_SIZE, _SAME_SIZE_NEAR, _NEAR_MM = 0.6, 0.3, 8.0
-"""Area of the other wire's spot ÷ that of the strongest, at least, where it is weaker, too: far from it, and as near as
-wires come before they meet. A bubble beside wires at 45° has a third. More takes a wire that stands straight for a
-bubble, less a bubble for a wire (make crosswire).
-"""
+"""Ratio of the area of the other wire's spot to that of the strongest, at least, where it is weaker, too: when it is
+far from it, and when it is within _NEAR_MM, as near as wires come before they meet. A bubble beside wires at 45° has a
+third. More takes a wire that stands straight for a bubble, less a bubble for a wire (make crosswire)."""
 _FAR_SHARE, _FAR_MM = 0.7, 14.0
-"""Share of the strongest contrast, from which on a spot that is not near may be the other wire, and the distance beyond
-which none is, if it is weaker. See `_RIVAL_SHARE`.
-"""
+"""Share of the strongest contrast, from which a spot that is not near may be the other wire, and the distance, mm,
+beyond which none is, if it is weaker. See `_RIVAL_SHARE`."""
 _STEEP, _STEEP_MM = 0.8, 1.5
-"""Slope of the line to a weaker spot, and what is added to it, beyond which it is no wire: both are stretched across
-the tank, so they part sideways, however the probe is leant (by 30° at most).
-"""
+"""Slope of the line to a weaker spot, and what is added to it, mm, beyond which the spot is no wire: both wires are
+stretched across the tank, so they part sideways, however the probe is leant (by 30° at most)."""
 _DIP_GREY = 4
-"""A spot with a deeper dip is two. More measures wires that are apart, less parts one spot by its noise. Also the step
-in which dips are looked for.
-"""
+"""Grey levels: a spot with a deeper dip is two. More measures wires that are apart, less splits one spot by its noise.
+It is also the step in which dips are searched for."""
 _LOBES_MM = 1.6
-"""Two tops of one spot nearer than this may be one crossing, whose echoes meet in opposite phase. More measures wires
-that are apart; less loses such crossings.
-"""
+"""Two tops of one spot that are nearer than this, mm, may be one crossing, whose echoes meet in opposite phase. More
+measures wires that are apart; less loses such crossings."""
 _LEAST_AREA_PX = 12
-"""Smaller spots are specks, not wires, which are smooth over `_SMOOTH_PX`. Not measured."""
+"""Area in pixels below which spots are specks, not wires, which are smooth over `_SMOOTH_PX`. Not measured."""
 _SURROUNDINGS_MM = 8.0
-"""Side of the square whose median is what surrounds a spot: wider than a spot by four, narrower than a shadow."""
+"""Side, mm, of the square whose median is a spot's surroundings: four times as wide as a spot, and narrower than a
+shadow."""
 _LARGEST_MM = (9.0, 4.0)
-"""Width and height of a spot, at most: two wires at 65° to the slice's normal make 8 mm. Larger is a wall."""
+"""Width and height of a spot, mm, at most: two wires at 65° to the slice's normal make 8 mm. Larger is a wall."""
 _LATERAL_REACH_MM = 1.0
-"""How far beside a stronger echo its reverberation may lie."""
+"""Distance, mm, to the side of a stronger echo within which its reverberation may lie."""
 _WEAKER_GREY = 8
-"""By how much reverberation or a bubble is weaker than the crossing, at least: 2 dB. A bubble as bright as a wire
-cannot be distinguished from one. More takes clutter for the other wire.
-"""
+"""Grey levels by which reverberation or a bubble is weaker than the crossing, at least: 2 dB. A bubble as bright as a
+wire cannot be distinguished from one. More takes clutter for the other wire."""
 _MOST_SPOTS = 12
-"""Looked at in one picture, strongest first: with more than two of equal rank nothing is decided anyway."""
+"""The number of spots examined in one picture, strongest first: with more than two of equal rank nothing is decided."""
 _NOISE_CELL_PX = 9
-"""Pixels over which noise is one grain of speckle; more widens sigma. With it the stated sigma is .7 to 1.6 times the
-scatter of noise (tests/appliance/crosswire/test_crossing.py).
-"""
+"""Pixels over which noise is one grain of speckle; more widens sigma. With this value the stated sigma is .7 to 1.6
+times the scatter of noise (tests/appliance/crosswire/test_crossing.py)."""
 _SD_PER_MEDIAN = 1.4826
-"""Standard deviation ÷ median of the size of a normal variable with mean 0."""
+"""Ratio of the standard deviation of a normal variable with mean 0 to the median of its size."""
 _ROUGH_SHARE = 1.2
-"""Noise ÷ what of it is rough over 1 px, for noise of the size of speckle: part of it is smooth. See `_NOISE_CELL_PX`.
-"""
+"""Ratio of noise to what of it is rough over 1 px, for noise of the size of speckle: part is smooth. See
+`_NOISE_CELL_PX`."""
 _QUANTISATION_GREY = 0.29
-"""1 ÷ √12: standard deviation of rounding to whole greys."""
+"""Standard deviation, grey levels, of rounding to whole greys: 1 ÷ √12."""
 _KNOWN_SHARE = 0.2
-"""Share of a spot's own width, by which its centre is not known anyway: two wires that are not equally bright, the
-phase in which their echoes meet, a plane that misses the crossing by a tenth of a millimetre (make crosswire).
-"""
+"""Share of a spot's own width by which its centre is uncertain in any case: by two wires that are not equally bright,
+the phase in which their echoes meet, a plane that misses the crossing by a tenth of a millimetre (make crosswire)."""
 _SPECKLE_DB = 5.57
-"""Standard deviation of fully developed speckle in dB, so that its scatter in greys says how many greys are 1 dB."""
+"""Standard deviation of fully developed speckle, dB: its scatter in greys then gives the number of greys in 1 dB."""
 
 
 class NoCrossing(Enum):
-    """Why a picture holds no crossing that may be measured."""
+    """Names why a picture holds no crossing that may be measured."""
 
     ABSENT = "no bright spot"
     PARTED = "two spots: the crossing is not in the plane"
@@ -107,7 +96,7 @@ class NoCrossing(Enum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Missed:
-    """A picture without a crossing. spots_px: (k, 2) where the wires seem to be; two where they are apart."""
+    """Represents a picture without a crossing. spots_px: (k, 2) where the wires seem to be; two if they are apart."""
 
     reason: NoCrossing
     spots_px: Vector
@@ -115,11 +104,11 @@ class Missed:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Crossing:
-    """One spot. centre_px: (2,) (column, row), 0 at the middle of the corner pixel.
+    """Represents one spot. centre_px: (2,) (column, row), 0 at the middle of the corner pixel.
 
     covariance_px: (2, 2) of the centre, from the noise and the surroundings of this picture alone. spread_px: standard
-    deviation of the spot along its longest axis; smallest where the wires lie on one another. confidence: 0 … 1, no
-    probability: how far the spot is from being refused, by its contrast and by its strongest rival.
+    deviation of the spot along its longest axis; it is smallest where the wires lie on one another. confidence: 0 … 1,
+    not a probability: how far the spot is from being refused, by its contrast and by its strongest rival.
     """
 
     centre_px: Vector
@@ -130,9 +119,8 @@ class Crossing:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Spot:
-    """peak, contrast: greys, of the smoothed picture. inside: (h, w) within the crop, whose corner is corner_px.
-
-    wall: it goes on to both sides, further than any wire.
+    """Represents a candidate. peak, contrast: greys, of the smoothed picture. inside: (h, w) within the crop, whose
+    corner is corner_px. wall: whether it continues to both sides, further than any wire.
     """
 
     peak: float
@@ -158,9 +146,9 @@ def find_crossing(
     drawn: NDArray[np.uint8] | None = None,
     scale_mm_per_px: tuple[float, float] = ROUGH_SCALE_MM_PER_PX,
 ) -> Crossing | Missed:
-    """The crossing in one picture (h, w) uint8, or why there is none.
+    """Returns the crossing in one picture (h, w) uint8, or why there is none.
 
-    drawn: of `Drawings`, for this picture. scale_mm_per_px: (lateral, axial), right within a factor of two.
+    drawn: that of `Drawings`, for this picture. scale_mm_per_px: (lateral, axial), right within a factor of two.
     """
     smooth, scatter, spots = _looked(image, drawn, scale_mm_per_px, _RIVAL_SHARE)
     wires = [spot for spot in spots if spot.refusal is None]
@@ -170,7 +158,7 @@ def find_crossing(
     best = wires[0]
     if any(spot.refusal is NoCrossing.UNCLEAR and spot.contrast > best.contrast for spot in spots):
         return Missed(NoCrossing.UNCLEAR, best.place_px[None])
-    # A wire that is cut off by the border cannot be measured, but it is the other wire.
+    # A wire that is cut off by the border cannot be measured, but it still counts as the other wire.
     rivals = _rivals([best, *(spot for spot in spots if _may_be_wire(spot, best))], scale_mm_per_px)
     lobes = [spot for spot in rivals if _holds(spot, *best.place_px.astype(int)) and _near(spot, best, scale_mm_per_px)]
     if lobes and len(lobes) == len(rivals):
@@ -191,9 +179,9 @@ def find_echoes(
     scale_mm_per_px: tuple[float, float] = ROUGH_SCALE_MM_PER_PX,
     share: float = 0.25,
 ) -> list[Crossing]:
-    """Every echo that may be of a wire, the strongest first, such as those of an N-wire phantom.
+    """Returns every echo that may come from a wire, such as those of an N-wire phantom, the strongest first.
 
-    share: least contrast against the strongest. Arguments else as for find_crossing.
+    share: least contrast, relative to the strongest. The other arguments are those of find_crossing.
     """
     _smooth, scatter, spots = _looked(image, drawn, scale_mm_per_px, share)
     measured = [_measured(image, spot, scatter, 0.0) for spot in spots if spot.refusal is None]
@@ -203,7 +191,7 @@ def find_echoes(
 def _looked(
     image: GreyImage, drawn: NDArray[np.uint8] | None, scale_mm_per_px: tuple[float, float], share: float
 ) -> tuple[GreyImage, float, list[_Spot]]:
-    """The smoothed picture, the scatter of the surroundings in greys, and the spots, the strongest first."""
+    """Returns the smoothed picture, the scatter of the surroundings in greys, and the spots, the strongest first."""
     smooth = np.asarray(cv2.GaussianBlur(image, (0, 0), _SMOOTH_PX), np.uint8)
     around = _surroundings(smooth, scale_mm_per_px)
     if drawn is None:
@@ -216,13 +204,15 @@ def _looked(
 
 
 def _beside_black(image: GreyImage, level: float) -> NDArray[np.bool_]:
-    """(h, w) brighter than level and next to a pixel of 0: no spot is so sharp; the border of the sector is."""
+    """Returns what is brighter than level and next to a pixel of 0, (h, w). No spot is so sharp, but the border of the
+    sector is.
+    """
     dark = np.asarray(cv2.erode(image, np.ones((3, 3), np.uint8)), np.uint8) == 0
     return np.asarray(dark & (image > level))
 
 
 def _surroundings(smooth: GreyImage, scale_mm_per_px: tuple[float, float]) -> GreyImage:
-    """(h, w) median over a square of the picture, at a quarter of its resolution."""
+    """Returns the median over a square about each pixel, (h, w), computed at a quarter of the resolution."""
     small = smooth[::4, ::4]
     side = round(_SURROUNDINGS_MM / (4 * float(np.mean(scale_mm_per_px)))) // 2 * 2 + 1
     median = cv2.medianBlur(np.ascontiguousarray(small), max(3, side))
@@ -230,7 +220,7 @@ def _surroundings(smooth: GreyImage, scale_mm_per_px: tuple[float, float]) -> Gr
 
 
 def _scatter(smooth: GreyImage, around: GreyImage, drawn: NDArray[np.uint8]) -> float:
-    """Standard deviation of the surroundings, grey levels: of where there are any."""
+    """Returns the standard deviation of the surroundings, grey levels, where there are any; else 0."""
     apart = cv2.absdiff(smooth, around)[::4, ::4]
     seen = (around[::4, ::4] > 0) & (drawn[::4, ::4] == 0)
     return float(_SD_PER_MEDIAN * np.median(apart[seen])) if seen.any() else 0.0
@@ -245,7 +235,7 @@ def _spots(
     share: float,
     scale_mm_per_px: tuple[float, float],
 ) -> list[_Spot]:
-    """The strongest spots, by contrast; each with why it cannot be a wire, if so."""
+    """Returns the strongest spots, by contrast, each with the reason why it cannot be a wire, if there is one."""
     strongest = float(contrast.max())
     if strongest < least:
         return []
@@ -278,7 +268,7 @@ def _spot(
     top_px: tuple[int, int],
     scale_mm_per_px: tuple[float, float],
 ) -> _Spot:
-    """What hangs together with a top, down to a share of its contrast."""
+    """Returns the connected region about a top, down to a share of its contrast."""
     column, row = top_px
     peak, height = float(smooth[row, column]), float(contrast[row, column])
     reach = [int(np.ceil(size / scale)) + 2 for size, scale in zip(_LARGEST_MM, scale_mm_per_px, strict=True)]
@@ -313,7 +303,7 @@ def _may_be_wire(spot: _Spot, best: _Spot) -> bool:
 
 
 def _rivals(wires: list[_Spot], scale_mm_per_px: tuple[float, float]) -> list[_Spot]:
-    """Spots that may be the other wire: strong, as large as the strongest, and not its reverberation."""
+    """Returns the spots that may be the other wire: strong, as large as the strongest, and not its reverberation."""
     best = wires[0]
     size = best.inside.sum()
     rivals = []
@@ -342,7 +332,7 @@ def _cut(
 
 
 def _parted(spot: NDArray[np.uint8], floor: float, peak: float) -> list[tuple[int, int]]:
-    """The two highest tops, (column, row), if at some level the spot falls into two that both rise higher."""
+    """Returns the two highest tops, (column, row), if at some level the spot splits into two that both rise higher."""
     for level in np.arange(floor, peak - _DIP_GREY, _DIP_GREY):
         count, labels = cv2.connectedComponents((spot > level).astype(np.uint8))
         if count <= 2:
@@ -356,7 +346,7 @@ def _parted(spot: NDArray[np.uint8], floor: float, peak: float) -> list[tuple[in
 
 
 def _measured(image: GreyImage, spot: _Spot, scatter: float, next_best: float) -> Crossing | Missed:
-    """Moments of what rises above the floor. Compression and saturation keep a symmetric spot symmetric."""
+    """Measures a spot by the moments of what rises above its floor; compression and saturation keep its symmetry."""
     grey = image[spot.crop].astype(float)
     weight = np.where(spot.inside, np.clip(grey - spot.floor, 0, None), 0.0)
     total = weight.sum()
@@ -368,6 +358,7 @@ def _measured(image: GreyImage, spot: _Spot, scatter: float, next_best: float) -
     away = place - centre
     spread = np.einsum("ij,ijk,ijl->kl", weight, away, away) / total
     arms = np.einsum("ij,ijk,ijl->kl", spot.inside, away, away) / total**2
+    # The covariance of the centre adds up noise, clutter below the spot, and what is uncertain in any case.
     noise = _noise_grey(grey, spot.inside) ** 2 * _NOISE_CELL_PX * arms
     clutter = _clutter_grey(spot.contrast, scatter) ** 2 * spread * np.sum(spot.inside) ** 2 / total**2
     blurred = _KNOWN_SHARE**2 * spread
@@ -382,13 +373,13 @@ def _measured(image: GreyImage, spot: _Spot, scatter: float, next_best: float) -
 
 
 def _noise_grey(grey: Vector, inside: NDArray[np.bool_]) -> float:
-    """Standard deviation of what a smooth spot does not explain, grey levels."""
+    """Returns the standard deviation of what a smooth spot does not explain, grey levels."""
     rough = grey - cv2.GaussianBlur(grey, (0, 0), 1.0)
     return float(np.hypot(_ROUGH_SHARE * _SD_PER_MEDIAN * np.median(np.abs(rough[inside])), _QUANTISATION_GREY))
 
 
 def _clutter_grey(contrast: float, scatter: float) -> float:
-    """How much speckle below the spot shifts its greys: an echo so much stronger turns the sum by their ratio."""
+    """Returns by how many greys speckle below a spot shifts it: an echo so much stronger turns the sum by the ratio."""
     grey_per_db = scatter / _SPECKLE_DB
     if grey_per_db <= 0:
         return 0.0

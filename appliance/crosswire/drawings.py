@@ -8,15 +8,15 @@ from probewatch.drivers.samples import GreyImage
 
 _DRAWN_GREY = 30
 _DRAWN_RANGE_GREY = 16
-"""Brighter than the first and changed by less than the second in every picture so far is drawn. Less of the first, or
-more of the second, takes the still background for drawn; the reverse leaves letters behind. Not measured.
-"""
+"""Grey levels: what is brighter than the first, and changed by less than the second, in every picture so far is drawn.
+Less of the first or more of the second takes a still background for drawn; the reverse leaves letters over. Not
+measured."""
 
 
 class Drawings:
-    """What the scanner draws over the picture: bright, and unchanged in every picture so far.
+    """Tracks what the scanner draws over the picture: what is bright, and unchanged in every picture so far.
 
-    The wires themselves count as drawn until they have moved, so nothing is measured on half a spot.
+    The wires themselves count as drawn until they have moved, so that nothing is measured on half a spot.
     """
 
     def __init__(self) -> None:
@@ -24,7 +24,7 @@ class Drawings:
         self._brightest: GreyImage | None = None
 
     def step(self, image: GreyImage) -> NDArray[np.uint8]:
-        """Take the next picture; (h, w) uint8, non-zero on and next to what never changed."""
+        """Takes the next picture. Returns (h, w) uint8, non-zero on and next to what never changed."""
         if self._darkest is None or self._brightest is None or self._darkest.shape != image.shape:
             self._darkest, self._brightest = image.copy(), image.copy()
         cv2.min(self._darkest, image, self._darkest)

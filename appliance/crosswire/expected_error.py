@@ -1,4 +1,4 @@
-"""How far a calibration may misplace points of the picture, by its own covariance. Pure."""
+"""Computes how far a calibration may misplace points of the picture, by its own covariance. Pure."""
 
 import numpy as np
 
@@ -9,9 +9,9 @@ _EIGHT = len(PARAMETERS)
 
 
 def expected_error_mm(calibration: Calibration) -> float:
-    """RMS distance, mm, by which the calibration's own covariance lets points of the picture be misplaced.
+    """Returns the RMS distance, mm, by which the calibration's own covariance lets points of the picture be misplaced.
 
-    Over nine points, from the centre to a quarter of the sides from the edges. Raises ValueError without covariance.
+    Nine points count, from the centre to a quarter of the sides from the edges. Raises ValueError without covariance.
     """
     if calibration.covariance is None:
         raise ValueError("a calibration without covariance promises nothing")

@@ -1,8 +1,8 @@
-"""How late the tracker is, from a probe moved up and down over the bottom of a water tank. Pure.
+"""Determines how late the tracker is, from a probe moved up and down over the bottom of a water tank. Pure.
 
 The bottom is one bright line across the picture whose depth follows the probe. Its depth over time must be a linear map
 of the probe's position, at the right lag; appliance.core.path.latency finds that lag, as it does for the path of
-tissue. This is the published way of temporal calibration (Rousseau, Hellier, Barillot 2006; the PLUS toolkit) with a
+tissue. This is the published method of temporal calibration (Rousseau, Hellier, Barillot 2006; the PLUS toolkit) with a
 sigma of its own.
 """
 
@@ -13,32 +13,31 @@ from probewatch.appliance.types import Vector
 from probewatch.drivers.samples import Frame, GreyImage, Pose
 
 _BAND = 0.1
-"""Share of the width, about the middle, whose columns are averaged: a line aslant by 10° blurs by a few pixels only."""
+"""Share of the width, about the middle, whose columns are averaged: a line aslant by 10° blurs by only a few pixels."""
 _BESIDE = 0.1
-"""Share of the width, from the middle of the picture to the middle of the band to the left and to the right in which
-the line must go on. More separates lines from spots better, less takes what a convex face shows of the bottom. Of the
-real tank of PLUS it goes on in 87 % of the pictures with something bright, of PLUS's two N-wire phantoms in 2 and 0 %.
-"""
+"""Share of the width, from the middle of the picture to the middle of the band on either side in which the line must
+continue. More separates lines from spots better, less takes what a convex face shows of the bottom. In the real tank of
+PLUS it continues in 87 % of the pictures with something bright, in PLUS's two N-wire phantoms in 2 and 0 %."""
 _LEAST_SHARE = 0.5
-"""Share of the pictures with something bright that moves in which it is a line; half way between these figures."""
+"""Share of the pictures with something bright that moves in which it must be a line; half way between these figures."""
 _SMOOTH_ROWS = 2.0
-"""Sigma, px: speckle goes, the line of five to ten pixels stays."""
+"""Sigma of the smoothing, px: speckle disappears, while the line of five to ten pixels stays."""
 _HALF_LINE_PX = 12
-"""Rows about the brightest that give the line's depth, and by which a line may bend between the bands. Not varied."""
+"""Rows about the brightest that give the line's depth, and by which the line may bend between the bands. Not varied."""
 _LEAST_GREY = 12.0
-"""By which the line must stand out of its own usual profile. Less follows noise, more loses weak bottoms."""
+"""Grey levels by which the line must exceed its own usual profile. Less follows noise, more loses weak bottoms."""
 _ROUGH_MM_PER_PX = 0.075
-"""Only makes the unit of the depth a sensible one; the map to the probe's position finds the scale itself."""
+"""mm per pixel: it only gives the depth a sensible unit; the map to the probe's position finds the scale itself."""
 _LEAST_PICTURES = 30
-"""With fewer the usual profile is the line's own."""
+"""The least number of pictures: with fewer, the usual profile is that of the line itself."""
 
 _LONGEST_S = 600.0
-"""From the first picture to the last: forty times what is asked for. Stamps that leap by hours, as of a clock that was
-set, show no lag, and the grid of times between them takes memory without end."""
+"""Time, s, from the first picture to the last, at most: forty times what is asked for. Stamps that jump by hours, as
+from a clock that was set, show no lag, and the grid of times between them takes memory without end."""
 
 
 class BottomLine:
-    """Takes the frames and poses of the session in any order, then returns the latency."""
+    """Takes the frames and poses of the session in any order, and determines the latency from them."""
 
     def __init__(self) -> None:
         self._times_ns: list[int] = []
@@ -47,7 +46,7 @@ class BottomLine:
         self._places: list[Vector] = []
 
     def step(self, sample: Frame | Pose) -> None:
-        """Take the next sample; poses that are not OK are left out."""
+        """Takes the next sample; poses that are not OK are left out."""
         if isinstance(sample, Frame):
             self._times_ns.append(sample.stamp.t_ns)
             self._profiles.append(_profile(sample.image))
@@ -61,13 +60,15 @@ class BottomLine:
 
     @property
     def seen(self) -> int:
-        """Pictures with a line."""
+        """Returns the number of pictures with a line."""
         return int(np.isfinite(self.depth_px()).sum())
 
     def depth_px(self) -> Vector:
-        """(n,) row of the line in the middle of each picture, NaN where there is none that goes on to both sides.
+        """Returns the row of the line in the middle of each picture, (n,), NaN where there is none that continues to
+        both sides.
 
-        Where most of what is bright goes on to neither side, as the wires of a phantom, what does is chance: all NaN.
+        Where most of what is bright continues to neither side, as with the wires of a phantom, what does continue is
+        chance: all are NaN.
         """
         none = np.full(len(self._profiles), np.nan)
         if len(self._profiles) < _LEAST_PICTURES:
@@ -96,7 +97,9 @@ class BottomLine:
 
 
 def _profile(image: GreyImage) -> Vector:
-    """(3, h) mean grey of a band left of the middle, in the middle and right of it, smoothed along the rows."""
+    """Returns the mean grey of three bands, smoothed along the rows, (3, h): left of the middle, in the middle, right
+    of it.
+    """
     width = image.shape[1]
     reach = round(3 * _SMOOTH_ROWS)
     weights = np.exp(-((np.arange(-reach, reach + 1) / _SMOOTH_ROWS) ** 2) / 2)
@@ -108,7 +111,7 @@ def _profile(image: GreyImage) -> Vector:
 
 
 def _peak(profile: Vector) -> float:
-    """Centre of what stands out about the highest row; NaN where nothing does."""
+    """Returns the centre, px, of what stands out about the highest row; NaN where nothing does."""
     top = int(np.argmax(profile))
     if profile[top] < _LEAST_GREY:
         return np.nan

@@ -1,12 +1,12 @@
-"""ζ, the elevational component of t_x, from one point seen from many directions (Boctor et al. 2005, Eq. 7). Pure.
+"""Solves for ζ, the elevational part of t_x, from a point seen from many directions (Boctor et al. 2005, Eq. 7). Pure.
 
-A picture point p = S Λ (u − centre), in the plane, lies at Rᵀ(p − t_x) in the sensor frame and B times that in the
+A picture point p = S Λ (u − centre), in the plane, lies at Rᵀ(p − t_x) in the sensor frame and at B times that in the
 tracker's. With t_x(ζ) = t_o + ζ (0, 0, 1)ᵀ the point is a_i + ζ n_i, where a_i = B_i Rᵀ(p_i − t_o) and n_i is minus the
-picture's normal. The right ζ makes the cloud smallest; with δ = minus the mean, ζ = −Σ δn·δa / Σ|δn|² and its
-standard deviation is σ / √Σ|δn|². The same sum with three directions instead of one gives all of t_x.
+picture's normal. The right ζ makes the cloud of points smallest; with δ the deviation from the mean, ζ = −Σ δn·δa /
+Σ|δn|² and its standard deviation is σ / √Σ|δn|². The same sum with three directions instead of one gives all of t_x.
 
-Taken as known: R_x, Λ and polarity; for ζ also the in-plane offset t_o. A marker that slid shifts all three components:
-solve_offset needs turns in the plane beside the tilt and assumes nothing of t_x.
+R_x, Λ and polarity are taken as known, and for ζ the in-plane offset t_o as well. A marker that slid shifts all three
+components: solve_offset needs turns in the plane beside the tilt and assumes nothing of t_x.
 """
 
 from dataclasses import dataclass, replace
@@ -19,41 +19,37 @@ from probewatch.drivers.errors import ProbewatchError
 from probewatch.drivers.samples import Matrix4
 
 _CUT_SIGMA = 5.0
-"""Robust standard deviations beyond which a view is rejected. Less rejects good views, as the scale of few wavers; more
-lets gross errors draw the offset (tests/appliance/crosswire/test_offset.py).
-"""
+"""Robust standard deviations beyond which a view is rejected. Less rejects good views, because the scale of a few views
+fluctuates; more lets gross errors draw the offset (tests/appliance/crosswire/test_offset.py)."""
 _MEDIAN_OF_CHI3 = 1.5382
-"""Median length of a vector of three unit normal parts: distances ÷ this are standard deviations."""
+"""Median length of a vector of three unit normal components: distances divided by it are standard deviations."""
 _LARGEST_OUTLIER_SHARE = 0.2
-"""More is no scan with some bad views but a bad scan: 4 of 20 that agree do not win, 6 of 20 are refused
-(tests/appliance/crosswire/test_offset.py).
-"""
+"""Share of rejected views beyond which this is not a scan with some bad views but a bad scan: 4 of 20 that agree do not
+win, 6 of 20 are refused (tests/appliance/crosswire/test_offset.py)."""
 _ROBUST_ROUNDS = 12
 """Rounds of reweighting, each a small fit: it runs once a scan, so more would cost little. Not measured."""
 _TINY = 1e-9
 """Information, as a share of the largest, and mm, that count as none: the rounding of places in mm is far less."""
 _LEAST_INFORMATION_PER_VIEW = 1e-7
 """mm² of cloud for each mm² of offset along its weakest direction: normals that spread by 3e-4 rad, .02°. Less gives
-sigmas that rounding made; Demand asks for 5° anyway.
-"""
+sigmas that come from rounding; Demand requires 5° anyway."""
 _SLID_SIGMA, _SLID_MM = 4.0, 1.0
-"""Both, for a marker that slid: less of the first refuses scans by chance, of the second for what does no harm: a limit
-is 4 mm.
-"""
+"""Both must be exceeded for a marker to have slid: less of the first refuses scans by chance, less of the second for
+what does no harm, as a limit is 4 mm."""
 
 
 class ScanRefused(ProbewatchError):  # noqa: N818  an answer, as the technician reads it
-    """The scan cannot support the calibration asked of it."""
+    """Signals that the scan cannot support the calibration requested of it."""
 
     exit_code = 65
 
 
 @dataclass(frozen=True, slots=True)
 class Demand:
-    """What a scan must support to be believed.
+    """Holds what a scan must support to be believed.
 
-    sigma_mm: largest standard deviation of any solved component. tilt_deg: least tilt spread: below it small
-    systematic errors, which no number of views averages out, grow more than tenfold. views: fewest after rejection.
+    sigma_mm: largest standard deviation of any solved component. tilt_deg: least tilt spread: below it small systematic
+    errors, which no number of views averages out, grow more than tenfold. views: fewest after rejection.
     """
 
     sigma_mm: float = 0.5
@@ -63,13 +59,13 @@ class Demand:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OffsetSolution:
-    """t_x, or the part of it that was solved.
+    """Holds t_x, or the part of it that was solved.
 
     offset_mm: (3,) whole t_x. sigma_mm: (3,), NaN for what was taken as known, infinite where the views do not show it.
-    localisation_mm: standard deviation of one point per axis, from the cloud that remains.
-    cloud_before_mm, cloud_after_mm: RMS distance of the kept points from their mean.
-    tilt_sd_deg: spread of the picture's normal per axis, √(Σ|δn|²/2N). tilt_needed_deg: the spread at which as many
-    views of ζ would just meet the demand. kept: (N,) bool, False for rejected views.
+    localisation_mm: standard deviation of one point per axis, from the cloud that remains. cloud_before_mm,
+    cloud_after_mm: RMS distance of the kept points from their mean. tilt_sd_deg: spread of the picture's normal per
+    axis, √(Σ|δn|²/2N). tilt_needed_deg: the spread at which as many views of ζ would just meet the demand. kept: (N,)
+    bool, False for rejected views.
     """
 
     offset_mm: Vector
@@ -101,10 +97,10 @@ class OffsetSolution:
 def solve_zeta(
     crossings_px: Vector, poses: Matrix4, calibration: Calibration, demand: Demand | None = None
 ) -> OffsetSolution:
-    """ζ alone, t_o and all else of the calibration taken as known.
+    """Solves for ζ alone, with t_o and all else of the calibration taken as known.
 
-    crossings_px: (N, 2) (column, row) from the corner pixel. poses: (N, 4, 4) sensor → tracker, mm.
-    Raises ScanRefused with figures when views, tilt spread or sigma fall short of the demand.
+    crossings_px: (N, 2) (column, row) from the corner pixel. poses: (N, 4, 4) sensor → tracker, mm. Raises ScanRefused
+    with figures when views, tilt spread or sigma fall short of the demand.
     """
     return _supported(crossings_px, poses, calibration, [2], demand or Demand())
 
@@ -112,15 +108,14 @@ def solve_zeta(
 def solve_offset(
     crossings_px: Vector, poses: Matrix4, calibration: Calibration, demand: Demand | None = None
 ) -> OffsetSolution:
-    """All of t_x; arguments and refusals as for solve_zeta."""
+    """Solves for all of t_x; arguments and refusals are those of solve_zeta."""
     return _supported(crossings_px, poses, calibration, [0, 1, 2], demand or Demand())
 
 
 def refuse_slid(crossings_px: Vector, poses: Matrix4, calibration: Calibration) -> None:
-    """What solve_zeta takes as known, tested: the same views must not demand another in-plane offset.
+    """Tests what solve_zeta takes as known: the same views must not demand another in-plane offset.
 
-    Raises ScanRefused where they do, by more than 4 standard deviations and 1 mm. Says nothing where they do not show
-    it.
+    Raises ScanRefused where they do, by more than 4 standard deviations and 1 mm; passes where they do not show it.
     """
     solution = _solve(crossings_px, poses, calibration, [0, 1, 2], Demand())
     shift_mm = (solution.offset_mm - calibration.offset_mm)[:2]
@@ -134,7 +129,7 @@ def refuse_slid(crossings_px: Vector, poses: Matrix4, calibration: Calibration) 
 
 
 def renewed(calibration: Calibration, solution: OffsetSolution) -> Calibration:
-    """The calibration with the solved components of t_x, their sigma (where it has any) and observability."""
+    """Returns the calibration with the solved components of t_x, their sigma (where it has any) and observability."""
     solved = np.concatenate([np.zeros(5, np.bool_), np.isfinite(solution.sigma_mm)])
     covariance = None
     if calibration.covariance is not None:
@@ -145,7 +140,7 @@ def renewed(calibration: Calibration, solution: OffsetSolution) -> Calibration:
 
 
 def _linear_model(crossings_px: Vector, poses: Matrix4, calibration: Calibration) -> tuple[Vector, Vector]:
-    """(N, 3) points for t_x = 0 and (N, 3, 3) their derivatives by t_x; column 2 is n."""
+    """Returns the points for t_x = 0, (N, 3), and their derivatives by t_x, (N, 3, 3), whose column 2 is n."""
     centre_px = (np.array(calibration.image_size_px) - 1) / 2
     in_plane = (crossings_px - centre_px) * calibration.polarity * calibration.scale_mm_per_px
     in_picture = np.column_stack([in_plane, np.zeros(len(in_plane))])
@@ -192,7 +187,7 @@ def _solve(
 
 
 def _gain(information: Vector, views: int) -> Vector:
-    """Standard deviation of each component per mm of localisation; infinite where the views cannot separate them."""
+    """Returns the standard deviation of each component per mm of localisation; infinite where views do not show it."""
     if np.linalg.eigvalsh(information)[0] < _LEAST_INFORMATION_PER_VIEW * views:
         return np.full(len(information), np.inf)
     return np.asarray(np.sqrt(np.diag(np.linalg.inv(information))))
@@ -211,7 +206,7 @@ def _tilt_sd_deg(normals: Vector) -> float:
 
 
 def _least_cloud(points: Vector, directions: Vector, weights: Vector | None = None) -> tuple[Vector, Vector]:
-    """x that makes the cloud points + directions x smallest, and ΣδMᵀδM, with M (N, 3, k) the directions.
+    """Returns x that makes the cloud points + directions x smallest, and ΣδMᵀδM, with M (N, 3, k) the directions.
 
     For one direction x is −Σ δn·δa / Σ|δn|². Directions that the views cannot separate give the smallest x.
     """
@@ -227,9 +222,10 @@ def _least_cloud(points: Vector, directions: Vector, weights: Vector | None = No
 
 
 def _consistent(points: Vector, directions: Vector) -> NDArray[np.bool_]:
-    """(N,) False for views more than _CUT_SIGMA robust standard deviations off a fit of least absolute distances.
+    """Returns (N,) False for views more than _CUT_SIGMA robust standard deviations off a fit of least absolute
+    distances.
 
-    At most one view in five may go: a scan worse than that is refused, not trimmed.
+    At most one view in five may be rejected: a worse scan is refused, not trimmed.
     """
     weights = np.ones(len(points))
     for _ in range(_ROBUST_ROUNDS):
@@ -258,7 +254,7 @@ def _demand_views(views: int, demand: Demand) -> None:
 
 
 def _demand_support(solution: OffsetSolution, sigma_mm: float, demand: Demand) -> None:
-    """Comparisons are such that NaN is refused."""
+    """Raises ScanRefused where tilt or sigma fall short of the demand; the comparisons are such that NaN is refused."""
     if not solution.tilt_sd_deg >= demand.tilt_deg:
         spread = f"the tilt spread is {solution.tilt_sd_deg:.1f}° over {solution.views} views"
         raise ScanRefused(

@@ -1,4 +1,5 @@
-"""A cross-wire calibration while it is scanned: add views, strike some out, ask what they give so far. Pure.
+"""Updates a cross-wire calibration during its scan: views are added or struck out, and the state holds what they give.
+Pure.
 
     scan, running = CrosswireScan(), RunningCalibration((640, 480))
     for sample in samples:
@@ -34,21 +35,21 @@ _MOVEMENTS = {
     "offset-axial": "lean the handle to and fro, and to the sides",
     "offset-elevational": "lean the handle to and fro, and twist the probe",
 }
-"""Parameter → the motion that shows it."""
+"""Maps each parameter to the motion that shows it."""
 _MISSES = 5
-"""Approaches without a meeting, and more of them than passages, from which on wires do not cross. Fewer blame the wires
-for a hand that turned back; more let a technician scan in vain for longer.
-"""
+"""The number of approaches without a meeting from which wires are said not to cross, if there are more of them than
+passages. Fewer blame the wires for a hand that turned back; more let a technician scan in vain for longer."""
 _MOST = 1e6
-"""mm, px, s: a kilometre off is no place of a probe, and its squares would drown all others."""
+"""mm, px, s: the largest number accepted. No probe is a kilometre away, and its squares would swamp all others."""
 _UNKNOWN_LATENCY_S = 0.1
-"""Prior of the latency where none is stated: what trackers on carts have, and the shipped limit's 60 ms within it."""
+"""Standard deviation, s, of the latency where none is stated: what trackers on carts have, and the shipped limit's
+60 ms within it."""
 _LARGEST_LATENCY_SIGMA_S = 0.02
-"""At 5 mm/s a tenth of a millimetre. More lets ζ move with the direction of the passages."""
+"""Largest sigma of the latency, s: at 5 mm/s .1 mm. More lets ζ move with the direction of the passages."""
 
 
 class Reason(StrEnum):
-    """Names of what stands against accepting a scan."""
+    """Names what prevents a scan from being accepted."""
 
     TOO_FEW_VIEWS = "too few views"
     TOO_LITTLE_TILT = "too little tilt"
@@ -61,7 +62,9 @@ class Reason(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Refusal:
-    """what: the fact, with figures. remedy: what the technician does. parameter: the one concerned, else empty."""
+    """Holds one reason against a scan. what: the fact, with figures. remedy: what the technician does. parameter: the
+    name of the one concerned, else empty.
+    """
 
     reason: Reason
     what: str
@@ -71,7 +74,7 @@ class Refusal:
 
 @dataclass(frozen=True, slots=True)
 class WholeDemand:
-    """What a scan must support to become a calibration.
+    """Holds what a scan must support to become a calibration.
 
     views: fewest, after rejection. tilt_deg: least standard deviation of the turns about the lateral and axial axis:
     below it small systematic errors, which no number of views averages out, grow more than tenfold. noise_mm: most per
@@ -87,7 +90,7 @@ class WholeDemand:
 
     @property
     def sigma(self) -> Vector:
-        """(8,) in the units of PARAMETERS."""
+        """Returns the largest standard deviations, (8,), in the units of PARAMETERS."""
         return np.array(
             [*(np.radians(self.rotation_deg),) * 3, *(self.scale_percent / 100,) * 2, *(self.offset_mm,) * 3]
         )
@@ -95,7 +98,7 @@ class WholeDemand:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Running:
-    """What the views so far give. All arrays are by index of the view as it was added.
+    """Holds what the views so far give. All arrays are by index of the view as it was added.
 
     views: how many were added. used: (N,) bool, neither struck out nor rejected. struck: indices struck out by hand.
     rejected: indices that contradict the others. whole: None while there is no solution. closed: ζ in closed form, with
@@ -115,7 +118,7 @@ class Running:
 
     @property
     def zeta_mm(self) -> float:
-        """The elevational offset; NaN without a solution."""
+        """Returns the elevational offset; NaN without a solution."""
         return np.nan if self.whole is None else float(self.whole.calibration.offset_mm[2])
 
     @property
@@ -124,8 +127,9 @@ class Running:
 
 
 class RunningCalibration:
-    """image_size_px: (width, height). reference: the calibration in force, if there is one; its polarity is kept, and ζ
-    in closed form relies on it. latency_sigma_s: how well the latency is known that the scan was paired with.
+    """Collects views and solves them on request. image_size_px: (width, height). reference: the calibration in force,
+    if there is one; its polarity is kept, and ζ in closed form relies on it. latency_sigma_s: how well the latency is
+    known with which the scan was paired.
     """
 
     def __init__(
@@ -147,27 +151,27 @@ class RunningCalibration:
         return tuple(self._views)
 
     def add(self, view: View) -> int:
-        """Take a view; its index. Raises ValueError for one that holds no finite numbers of a pose and a picture."""
+        """Takes a view; returns its index. Raises ValueError for one without finite numbers of a pose and a picture."""
         _refuse_senseless(view, self.image_size_px)
         self._views.append(view)
         self._solved = None
         return len(self._views) - 1
 
     def strike(self, index: int, struck: bool = True) -> None:
-        """Leave a view out by hand, or take it back. Raises IndexError."""
+        """Leaves a view out by hand, or takes it back. Raises IndexError."""
         self._views[index]  # which raises
         (self._struck.add if struck else self._struck.discard)(index % len(self._views))
         self._solved = None
 
     def correct(self, index: int, centre_px: tuple[float, float]) -> None:
-        """Put the crossing of a view elsewhere by hand, (column, row). Raises IndexError, ValueError outside."""
+        """Moves the crossing of a view by hand, (column, row). Raises IndexError, or ValueError outside the picture."""
         if not all(0 <= value <= side - 1 for value, side in zip(centre_px, self.image_size_px, strict=True)):
             raise ValueError(f"({centre_px[0]:.1f}, {centre_px[1]:.1f}) lies outside of the picture")
         self._views[index] = replace(self._views[index], centre_px=np.array(centre_px, float))
         self._solved = None
 
     def state(self, misses_mm: Sequence[float] = ()) -> Running:
-        """What all views that are not struck out give. misses_mm: of CrosswireScan."""
+        """Returns what all views give that are not struck out. misses_mm: that of CrosswireScan."""
         chosen = [index for index in range(len(self._views)) if index not in self._struck]
         views = [self._views[index] for index in chosen]
         if self._solved is None:
@@ -220,7 +224,7 @@ class RunningCalibration:
         covered: Coverage,
         misses_mm: Sequence[float],
     ) -> list[Refusal]:
-        """All that stands against it, what to mend first in front."""
+        """Returns everything that prevents acceptance, with what to mend first at the front."""
         found: list[Refusal] = []
         if len(misses_mm) >= _MISSES and len(misses_mm) > len(self._views):
             what = f"{len(misses_mm)} times the wires came near and stayed {np.median(misses_mm):.1f} mm apart"
@@ -239,7 +243,7 @@ class RunningCalibration:
         return found
 
     def _tilts(self, covered: Coverage) -> list[Refusal]:
-        """Tilts about the lateral and the axial axis: leaning to the sides alone shows nothing of ζ."""
+        """Returns refusals by tilt about the lateral and axial axis: leaning to the sides alone shows nothing of ζ."""
         return [
             Refusal(
                 Reason.TOO_LITTLE_TILT,
@@ -285,7 +289,7 @@ def _refuse_senseless(view: View, image_size_px: tuple[int, int]) -> None:
 
 
 def _shown(name: str, value: float) -> str:
-    """A standard deviation of a parameter in the units that people read."""
+    """Returns a standard deviation of a parameter as text, in the units that people read."""
     factor, unit = {"rotation": (np.degrees(1.0), "°"), "scale": (100.0, " %"), "offset": (1.0, " mm")}[
         name.partition("-")[0]
     ]

@@ -1,4 +1,4 @@
-"""The scan of a cross-wire: from samples to views, one for each passage of the picture plane through it. Pure.
+"""Derives views from the samples of a cross-wire scan, one for each passage of the picture plane through it. Pure.
 
 Within a passage the spot is narrowest where the plane meets the crossing. Its squared spread is a parabola in the
 distance, so three pictures give the instant between them at which pose and centre are taken; a plane that is early is
@@ -18,32 +18,29 @@ from probewatch.drivers.rigid import interpolate
 from probewatch.drivers.samples import Frame, Matrix4, Pose
 
 _HALF_WINDOW_NS = 250_000_000
-"""Either side of a passage that gives one view. Shorter lets noise in the width make two of one; longer loses a hand's
-quick way back. Not measured.
-"""
+"""Time, ns, to either side of a passage that gives one view. Shorter lets noise in the width make two of one; longer
+loses a hand's quick way back. Not measured."""
 _LARGEST_STEP_NS = 150_000_000
-"""Between the three pictures of a passage: further apart its instant is guessed. Shorter loses those beside a picture
-without a spot; at 20 Hz two in a row may be missing.
-"""
+"""Time, ns, between the three pictures of a passage, at most: further apart its instant would be guessed. Shorter loses
+passages beside a picture without a spot; at 20 Hz two in a row may be missing."""
 _WIDENS = 1.35
-"""By which the squared spread must grow to either side of a passage within the window: at 2 mm/s that of wires at 45°
-grows by half, at 4 mm/s they part. More loses slow passages, less takes bubbles, whose spread wavers as they fade
-(tests/appliance/crosswire/test_scan.py).
-"""
+"""Factor by which the squared spread must grow to either side of a passage within the window: at 2 mm/s that of wires
+at 45° grows by half, at 4 mm/s they part. More loses slow passages, less takes bubbles, whose spread fluctuates as they
+fade (tests/appliance/crosswire/test_scan.py)."""
 _AROUND_NS = 100_000_000
-"""How far from a passage the poses lie that give its speed, at most. Further apart they show the hand's turning back,
-nearer the tracker's noise. Not varied.
-"""
+"""Greatest distance, ns, from a passage of the poses that give its speed. Further apart they show where the hand turns
+back, nearer the tracker's noise. Not varied."""
 _PARTS_MM = 1.0
-"""By how much wires must part again on either side for their nearest approach to be one: three of a spot's widths."""
+"""mm by which wires must part again on either side for their nearest approach to be one: three of a spot's widths."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class View:
-    """The crossing seen once. centre_px, covariance_px: as in Crossing. matrix: (4, 4) sensor → tracker, mm.
+    """Represents one sighting of the crossing. centre_px, covariance_px: as in Crossing. matrix: (4, 4) sensor →
+    tracker, mm.
 
     earlier, later: (4, 4) poses of pictures around it, apart_s between them, for the derivative by latency; None where
-    unknown. confidence: of its picture, 0 … 1.
+    unknown. confidence: that of its picture, 0 … 1.
     """
 
     t_ns: int
@@ -58,7 +55,7 @@ class View:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Look:
-    """One paired picture and what was found in it. matrix: (4, 4) sensor → tracker, mm."""
+    """Represents one paired picture and what was found in it. matrix: (4, 4) sensor → tracker, mm."""
 
     t_ns: int
     matrix: Matrix4
@@ -67,19 +64,19 @@ class Look:
 
     @property
     def spread(self) -> float:
-        """Spread of the spot squared, px²; infinite where the wires show apart, NaN without spot."""
+        """Returns the squared spread of the spot, px²; infinite where the wires appear apart, NaN without a spot."""
         if isinstance(self.found, Crossing):
             return self.found.spread_px**2
         return np.inf if self.found.reason is NoCrossing.PARTED else np.nan
 
 
 class CrosswireScan:
-    """Takes frames and poses in time order. latency_ms: of the tracker, positive where it is late.
+    """Takes frames and poses in time order. latency_ms: that of the tracker, positive where it is late.
 
-    scale_mm_per_px: (lateral, axial) of the pictures, right within a factor of two.
-    pictures, sightings: counts so far. refused: reason → pictures without a sighting. size_px: (width, height).
-    views: one for each passage so far. misses_mm: how far the wires stayed apart where they came nearest and did not
-    meet. last: what the newest paired picture showed.
+    scale_mm_per_px: (lateral, axial) of the pictures, right within a factor of two. pictures, sightings: counts so far.
+    refused: reason → pictures without a sighting. size_px: (width, height). views: one for each passage so far.
+    misses_mm: how far the wires stayed apart where they came nearest and did not meet. last: what the newest paired
+    picture showed.
     """
 
     def __init__(self, latency_ms: float = 0.0, scale_mm_per_px: tuple[float, float] = ROUGH_SCALE_MM_PER_PX) -> None:
@@ -97,7 +94,7 @@ class CrosswireScan:
         self.last: Look | None = None
 
     def step(self, sample: Frame | Pose) -> tuple[View, ...]:
-        """Take the next sample; the views that it settles, a quarter of a second after their passage."""
+        """Takes the next sample. Returns the views that it settles, a quarter of a second after their passage."""
         if isinstance(sample, Frame):
             self.pictures += 1
             self.size_px = sample.image.shape[1], sample.image.shape[0]
@@ -109,7 +106,7 @@ class CrosswireScan:
         return self._settle(_HALF_WINDOW_NS)
 
     def finish(self) -> tuple[View, ...]:
-        """The scan has ended: the views of its last quarter of a second."""
+        """Ends the scan. Returns the views of its last quarter of a second."""
         return self._settle(0)
 
     def _look(self, pair: StampedPair) -> None:
@@ -126,7 +123,7 @@ class CrosswireScan:
         self._looks.append(self.last)
 
     def _settle(self, younger_ns: int) -> tuple[View, ...]:
-        """Decide on the looks that are old enough, and forget those that no passage can need any more."""
+        """Decides on the looks that are old enough, and forgets those that no passage can need any more."""
         new = []
         while self._settled < len(self._looks) and self._looks[-1].t_ns - self._looks[self._settled].t_ns >= younger_ns:
             if self._is_passage(self._settled):
@@ -141,7 +138,7 @@ class CrosswireScan:
         return tuple(new)
 
     def _is_passage(self, index: int) -> bool:
-        """Narrower than the pictures next to it and than all within the window; NaN compares false."""
+        """Returns whether the spot is narrower than next to it and than all within the window; NaN compares false."""
         if not 0 < index < len(self._looks) - 1:
             return False
         here = self._looks[index]
@@ -161,7 +158,7 @@ class CrosswireScan:
         )
 
     def _is_miss(self, index: int) -> bool:
-        """The wires come nearest here, and part again on either side without having met."""
+        """Returns whether the wires come nearest here, and part again on either side without having met."""
         around, here = self._around(index), self._looks[index]
         if not here.gap_mm <= np.nanmin([look.gap_mm for look in around] + [np.inf]):
             return False
@@ -181,6 +178,7 @@ class CrosswireScan:
         return self._looks[first : last + 1]
 
     def _view(self, index: int) -> View:
+        # Pose and centre are interpolated to the instant at which the squared spread is least.
         before, here, after = self._looks[index - 1 : index + 2]
         assert isinstance(here.found, Crossing)
         crossing, part, t_ns, matrix, centre = here.found, 0.0, here.t_ns, here.matrix, here.found.centre_px
@@ -199,7 +197,7 @@ class CrosswireScan:
 
 
 def _vertex(before: float, here: float, after: float) -> float:
-    """Where the parabola through three equidistant values is least, -½ … ½; 0 where a neighbour is infinite."""
+    """Returns where the parabola through three equidistant values is least, -½ … ½; 0 where a neighbour is infinite."""
     bend = before - 2 * here + after
     if not np.isfinite(bend) or bend <= 0:
         return 0.0

@@ -1,4 +1,4 @@
-"""Speed of sound in the tank against the scanner's setting, and what it does to a calibration. Pure."""
+"""Computes the speed of sound in the tank against the scanner's setting, and what it does to a calibration. Pure."""
 
 from dataclasses import replace
 
@@ -7,19 +7,19 @@ import numpy as np
 from probewatch.appliance.types import Calibration
 
 SCANNER_M_S = 1540.0
-"""To which scanners are set for soft tissue."""
+"""Speed of sound, m/s, to which scanners are set for soft tissue."""
 _MARCZAK = (1402.385, 5.038813, -5.799136e-2, 3.287156e-4, -1.398845e-6, 2.787860e-9)
-"""Marczak, Water as a standard in the measurements of speed of sound in liquids, J. Acoust. Soc. Am. 102(5), 1997:
-m/s by powers of °C, pure water at atmospheric pressure, 0 to 95 °C, within 0.02 m/s.
-"""
+"""Coefficients of Marczak, Water as a standard in the measurements of speed of sound in liquids, J. Acoust. Soc. Am.
+102(5), 1997: m/s by powers of °C, pure water at atmospheric pressure, 0 to 95 °C, within 0.02 m/s."""
 RANGE_C = (0.0, 95.0)
-"""For which it holds."""
+"""Temperatures, °C, for which it holds."""
 LARGEST_ERROR = 0.015
-"""Relative: at 4 cm of depth 0.6 mm, as much as all the rest together. More bends depths, less asks for thermostats."""
+"""Largest relative error: 0.6 mm at 4 cm of depth, as much as all the rest together. More bends depths, less calls for
+thermostats."""
 
 
 def speed_of_sound_m_s(water_c: float) -> float:
-    """Speed of sound in pure water at °C. Raises ValueError outside of 0 to 95 °C, NaN included."""
+    """Returns the speed of sound in pure water at °C. Raises ValueError outside of 0 to 95 °C, NaN included."""
     if not RANGE_C[0] <= water_c <= RANGE_C[1]:
         raise ValueError(f"{water_c:g} °C is outside of {RANGE_C[0]:g} to {RANGE_C[1]:g} °C")
     return float(np.polynomial.polynomial.polyval(water_c, _MARCZAK))
@@ -28,11 +28,12 @@ def speed_of_sound_m_s(water_c: float) -> float:
 def for_tissue(
     calibration: Calibration, water_m_s: float, scanner_m_s: float = SCANNER_M_S, face_row_px: float = 0.0
 ) -> Calibration:
-    """A calibration made in water that is too slow or too fast, as it is where sound travels as the scanner thinks.
+    """Converts a calibration made in water, in which sound is too slow or too fast, to one for where sound travels at
+    the speed that the scanner assumes.
 
     In the tank a pixel of depth was shorter by water_m_s ÷ scanner_m_s. The axial scale grows by the inverse, counted
-    from the probe's face at face_row_px, so that the picture's centre, to which the offset refers, lies deeper. For
-    linear arrays: of a curved one the lateral scale would change with depth, too.
+    from the probe's face at face_row_px, so that the picture's centre, to which the offset refers, lies deeper. This
+    holds for linear arrays: for a curved one the lateral scale would change with depth, too.
     """
     factor = scanner_m_s / water_m_s
     scale = calibration.scale_mm_per_px * np.array([1.0, factor])

@@ -1,12 +1,13 @@
-"""All of a calibration from one point seen from many sides: rotation, offset and both scales, from nothing. Pure.
+"""Solves for a whole calibration from one point seen from many sides: rotation, offset and both scales, from nothing.
+Pure.
 
-A picture point p = S Λ (u − centre) of a view with pose B shows the crossing c where X B⁻¹ c = (p, 0). Three equations
-a view, linear in c and in the product of X and Λ: that gives a start from nothing, whichever way the marker body is
-mounted. From there robust nonlinear least squares in the picture's axes finds the eight parameters, the crossing, and
-how late the tracker was: the derivative by that is the crossing's own motion in the picture.
+A picture point p = S Λ (u − centre) of a view with pose B shows the crossing c where X B⁻¹ c = (p, 0). This gives three
+equations per view, linear in c and in the product of X and Λ, and so a start from nothing, whichever way the marker
+body is mounted. From there robust nonlinear least squares in the picture's axes finds the eight parameters, the
+crossing, and how late the tracker was: the derivative by the latter is the crossing's own motion in the picture.
 
 A single point cannot distinguish a mirrored picture from a marker body turned by 180°: both put every point of the
-picture's plane in the same place. The polarity is therefore what the caller says.
+picture's plane in the same place. The polarity is therefore taken from the caller.
 """
 
 from collections.abc import Sequence
@@ -31,41 +32,39 @@ _LATENCY = _EIGHT + 3
 _UNKNOWN = _EIGHT + 4
 """Places in θ: the parameters, the crossing in the tracker's frame, mm, the latency, s; and their number."""
 _NATURAL = np.array([*(np.radians(1.0),) * 3, *(0.01,) * 2, *(1.0,) * 3, *(1.0,) * 3, 0.01])
-"""What is a small change of each: 1°, 1 %, 1 mm, 10 ms. Steps of the solver and the weak prior are counted in it."""
+"""A small change of each: 1°, 1 %, 1 mm, 10 ms. Steps of the solver and the weak prior are counted in it."""
 LEAST_VIEWS = 6
-"""Eighteen equations for twelve unknowns; fewer leave nothing that could contradict."""
+"""The least number of views: eighteen equations for twelve unknowns. Fewer leave nothing that could contradict."""
 _SUBSET, _DRAWS = 6, 300
 """Views of one trial, and trials: with one bad view in four, 1e-25 of all scans draw no clean one. Each costs 20 µs."""
 _UNIT_PX = 100.0
-"""In which the linear start counts pixels, so that its unknowns are of one size."""
+"""Unit, px, in which the linear start counts pixels, so that its unknowns are of similar size."""
 _FARTHEST = 1e3
 """Prior standard deviation of every parameter, natural units: so weak that it only keeps the sums invertible."""
 UNOBSERVED = 30.0
-"""Natural units (30°, 30 %, 30 mm) from which on a standard deviation says nothing: the parameter is not observed."""
+"""Natural units (30°, 30 %, 30 mm) from which a standard deviation says nothing: the parameter is not observed."""
 _CUT_SIGMA = 5.0
 """Robust standard deviations beyond which a view is rejected, as for ζ alone (appliance.crosswire.offset)."""
 _MEDIAN_OF_CHI3 = 1.5382
-"""Median length of a vector of three unit normal parts."""
+"""Median length of a vector of three unit normal components."""
 _LARGEST_OUTLIER_SHARE = 0.25
-"""Share of the views: more is no scan with bad views but a bad scan. One in five is found
-(tests/appliance/crosswire/test_whole.py), every second not always.
-"""
+"""Share of rejected views beyond which this is not a scan with bad views but a bad scan. One in five is found
+(tests/appliance/crosswire/test_whole.py), every second not always."""
 _LEAST_SD_MM = 0.01
-"""Per axis: below the rounding of sub-pixel centres, so that noise-free views do not get infinite weight."""
+"""mm per axis: below the rounding of sub-pixel centres, so that noise-free views do not get infinite weight."""
 _ROUNDS = 6
-"""Rounds of rejecting and weighing again, each a few ms: the sets that it settles on are found in three. Not varied."""
+"""Rounds of rejecting and weighing again, each a few ms: the sets settle within three. Not varied."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WholeSolution:
-    """calibration: the eight parameters, with covariance (8, 8) and what was observed.
+    """Holds the eight parameters in calibration, with covariance (8, 8) and what was observed.
 
     crossing_mm: (3,) tracker axes. covariance: (12, 12) of the eight, the crossing and the latency. latency_s: beyond
     what the poses were taken with, positive where the tracker is later still; latency_sigma_s: as large as the prior
-    where the scan does not show it. noise_mm: (3,) scatter of one view along the picture's axes: lateral,
-    axial, elevational. residual_mm: (N, 3) along them. points_mm: (N, 3) where each view puts the crossing, tracker
-    axes. kept: (N,) bool.
-    expected_mm: RMS error that the covariance promises for points all over the picture.
+    where the scan does not show it. noise_mm: (3,) scatter of one view along the picture's axes: lateral, axial,
+    elevational. residual_mm: (N, 3) along them. points_mm: (N, 3) where each view puts the crossing, tracker axes.
+    kept: (N,) bool. expected_mm: RMS error that the covariance promises for points all over the picture.
     """
 
     calibration: Calibration
@@ -81,7 +80,7 @@ class WholeSolution:
 
     @property
     def sigma(self) -> Vector:
-        """(8,) in the order and units of PARAMETERS."""
+        """Returns the standard deviations, (8,), in the order and units of PARAMETERS."""
         assert self.calibration.covariance is not None
         return np.asarray(np.sqrt(np.diag(self.calibration.covariance)))
 
@@ -91,13 +90,13 @@ class WholeSolution:
 
     @property
     def localisation_mm(self) -> float:
-        """Standard deviation of one view per axis."""
+        """Returns the standard deviation of one view per axis."""
         return float(np.sqrt(np.mean(np.square(self.noise_mm))))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Scene:
-    """The views as arrays. place_px: (N, 2) from the centre. spot: (N, 2, 2) covariance, px².
+    """Holds the views as arrays. place_px: (N, 2) from the centre. spot: (N, 2, 2) covariance, px².
 
     turn, move: (N, 3, 3), (N, 3) tracker → sensor. turn_rate, move_rate: their change per second of latency.
     """
@@ -119,9 +118,9 @@ class _Scene:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Noise:
-    """Noise of one view along the picture's axes. all_mm: (3,) standard deviation beside what its picture states.
+    """Holds a view's noise along the picture's axes. all_mm: (3,) standard deviation beside what its picture states.
 
-    trust: (2,) share of the variance that pictures state which the scatter of the views bears out, 0 … 1.
+    trust: (2,) share of the variance that pictures state which the views' scatter supports, 0 … 1.
     """
 
     all_mm: Vector
@@ -130,7 +129,7 @@ class _Noise:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Guess:
-    """R_x, t_x, Λ with sign, crossing and latency."""
+    """Holds R_x, t_x, Λ with sign, the crossing and the latency."""
 
     rotation: Vector
     scale_mm_per_px: Vector
@@ -154,7 +153,7 @@ def solve_whole(
     polarity: tuple[int, int] = (1, 1),
     latency_sigma_s: float = 0.0,
 ) -> WholeSolution:
-    """The eight parameters from the views alone.
+    """Solves for the eight parameters from the views alone.
 
     image_size_px: (width, height). latency_sigma_s: how far the tracker may be later or earlier than the views' poses
     were taken; 0 where it is known. Raises ScanRefused where too few views agree with one another.
@@ -170,6 +169,7 @@ def solve_whole(
     noise = _Noise(np.full(3, max(inliers_mm, _LEAST_SD_MM)), np.ones(2))
     guess = _fitted(scene, guess, noise, latency_sigma_s, "soft_l1")
     kept = np.ones(len(views), np.bool_)
+    # Rejects views, fits, and learns the noise by turns, until the set of views and the noise settle.
     for _ in range(_ROUNDS):
         before = kept
         kept = _consistent(scene, guess, noise)
@@ -203,9 +203,9 @@ def _scene(views: Sequence[View], image_size_px: tuple[int, int]) -> _Scene:
 
 
 def _linear_start(scene: _Scene, polarity: Vector) -> tuple[_Guess, float]:
-    """Least squares for c, the picture's centre and its two axes in sensor axes, twelve unknowns without constraint.
+    """Solves for c, the picture's centre and two axes in sensor axes by least squares: twelve unknowns, unconstrained.
 
-    Of many small sets of views the one with the smallest median misfit decides; those near it then solve together.
+    Of many small sets of views, the one with the smallest median misfit decides; those near it then solve together.
     Returns the guess and the standard deviation per axis about it, mm.
     """
     turn = np.swapaxes(scene.turn, 1, 2)
@@ -242,7 +242,7 @@ def _guessed(solved: Vector, middle: Vector, polarity: Vector) -> _Guess:
 
 
 def _misfit(scene: _Scene, guess: _Guess) -> Vector:
-    """(N, 3) mm along the picture's axes: where the crossing should be, less where it was seen."""
+    """Returns where the crossing should be minus where it was seen, (N, 3) mm along the picture's axes."""
     turn, move = scene.late(guess.latency_s)
     seen = (turn @ guess.crossing_mm + move) @ guess.rotation.T + guess.offset_mm
     seen[:, :2] -= scene.place_px * guess.scale_mm_per_px
@@ -250,7 +250,7 @@ def _misfit(scene: _Scene, guess: _Guess) -> Vector:
 
 
 def _slopes(scene: _Scene, guess: _Guess) -> Vector:
-    """(N, 3, 12) of `_misfit` by a small step."""
+    """Returns the derivatives of `_misfit` by a small step, (N, 3, 12)."""
     turn, move = scene.late(guess.latency_s)
     arm = (turn @ guess.crossing_mm + move) @ guess.rotation.T
     slopes = np.zeros((len(arm), 3, _UNKNOWN))
@@ -265,7 +265,7 @@ def _slopes(scene: _Scene, guess: _Guess) -> Vector:
 
 
 def _whitening(scene: _Scene, guess: _Guess, noise: _Noise) -> Vector:
-    """(N, 3, 3): inverse root of each view's covariance, mm: noise of all views, and of its own picture."""
+    """Returns inverse roots of the views' covariances, (N, 3, 3), 1/mm: noise of all views, and of each own picture."""
     covariance = np.tile(np.diag(np.square(noise.all_mm)), (len(scene.place_px), 1, 1))
     borne = guess.scale_mm_per_px * np.sqrt(noise.trust)
     covariance[:, :2, :2] += scene.spot * np.outer(borne, borne)
@@ -273,14 +273,14 @@ def _whitening(scene: _Scene, guess: _Guess, noise: _Noise) -> Vector:
 
 
 def _prior(latency_sigma_s: float) -> Vector:
-    """(12,) one ÷ standard deviation. A known latency is held to a microsecond."""
+    """Returns the inverse standard deviations, (12,). A known latency is held to a microsecond."""
     prior = 1 / (_FARTHEST * _NATURAL)
     prior[_LATENCY] = 1 / max(latency_sigma_s, 1e-6)
     return prior
 
 
 def _fitted(scene: _Scene, guess: _Guess, noise: _Noise, latency_sigma_s: float, loss: _Loss) -> _Guess:
-    """Least squares from there. Steps are counted from the guess, in natural units."""
+    """Fits by least squares from the guess. Steps are counted from it, in natural units."""
     white, prior = _whitening(scene, guess, noise), _prior(latency_sigma_s)
     prior_step = np.zeros(_UNKNOWN)
     prior_step[_LATENCY] = guess.latency_s
@@ -317,7 +317,7 @@ def _information(scene: _Scene, guess: _Guess, noise: _Noise, latency_sigma_s: f
 
 
 def _estimated(scene: _Scene, guess: _Guess, noise: _Noise, latency_sigma_s: float) -> _Noise:
-    """The scatter of the views along each axis, and how much of it their own pictures may explain: half at most.
+    """Returns the views' scatter along each axis, and how much of it their own pictures may explain: half at most.
 
     Each axis has as many degrees of freedom as views, less what the unknowns took of it.
     """
@@ -334,7 +334,7 @@ def _estimated(scene: _Scene, guess: _Guess, noise: _Noise, latency_sigma_s: flo
 
 
 def _consistent(scene: _Scene, guess: _Guess, noise: _Noise) -> NDArray[np.bool_]:
-    """(N,) False for views too far off. Raises ScanRefused where too many are."""
+    """Returns (N,) False for views that are too far off. Raises ScanRefused where too many are."""
     white = _whitening(scene, guess, noise)
     distance = np.linalg.norm(np.einsum("nij,nj->ni", white, _misfit(scene, guess)), axis=1)
     scale = float(np.median(distance)) / _MEDIAN_OF_CHI3

@@ -1,1 +1,1 @@
-"""Quality Control: from what motion has shown to checks, one verdict, and the report on a session. Pure."""
+"""Turns what motion has shown into checks, one verdict, and the report on a session (Quality Control). Pure."""

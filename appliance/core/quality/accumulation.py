@@ -1,9 +1,9 @@
-"""Averages the estimates of one parameter over many windows; the sigma of the mean falls with all motion, to a floor
-that the scatter of the estimates gives. Pure.
+"""Averages the estimates of one parameter over many windows; the sigma of the mean falls with the amount of motion,
+down to a floor that the scatter of the estimates sets. Pure.
 
-Windows of one examination share the patient and the place before the tracker, and so most of what the model leaves
-out, f; examinations do not. With x the values, v = σ² − f² and τ²(x, v) the variance by which they scatter beyond v
-(random effects: DerSimonian and Laird, Controlled Clinical Trials 7, 1986):
+Windows of one examination share the patient and the place in front of the tracker, and so share most of what the model
+leaves out, f; windows of different examinations do not. With x the values, v = σ² − f², and τ²(x, v) the variance by
+which they scatter beyond v (random effects: DerSimonian and Laird, Controlled Clinical Trials 7, 1986):
 
     examination k:   X_k = Σ w x ÷ Σ w,   V_k = 1 ÷ Σ w,   w = 1 ÷ (v + τ²(x, v)),   σ² = V_k + f²
     all K of them:   F² = (n f² + (K − 1) τ²(X, V)) ÷ (n + K − 1),  w = 1 ÷ (V + F²),  σ² = 1 ÷ Σ w
@@ -20,18 +20,20 @@ from probewatch.appliance.core.quality.trend import Estimate
 from probewatch.drivers.rigid import Array
 
 _APART_S = 1800.0
-"""Between two estimates of different examinations. Less takes a pause for another patient, and so what both leave out
-for independent; more takes patients for one, and tells a larger sigma than there is. Not measured."""
+"""Gap, s, beyond which two estimates belong to different examinations. A smaller value counts a pause as another
+patient, and so treats as independent what both estimates leave out; a larger one counts several patients as one and
+reports too large a sigma. Not measured."""
 _STATED_COUNTS = 2
-"""Examinations as which the stated left-out standard deviation counts beside their own scatter. More believes the
-stated one for longer: of five examinations that leave out three times as much the sigma is too small by 1.47 with 4, by
-1.37 with 2 (test_accumulation.py). Fewer believes the scatter of a few, which chance makes small."""
+"""The number of examinations for which the stated left-out standard deviation counts, beside the examinations' own
+scatter. A larger value trusts the stated one for longer: for five examinations that leave out three times as much, the
+sigma is too small by a factor of 1.47 with 4 and of 1.37 with 2 (test_accumulation.py). A smaller one trusts the
+scatter of a few examinations, which chance makes small."""
 
 
 @dataclass(frozen=True, slots=True)
 class Accumulated:
-    """The average of one parameter over all motion, in its unit. between: standard deviation of what each examination
-    leaves out, as learned. estimates, examinations: how many there were.
+    """Holds the average of one parameter over all motion, in its unit. between: standard deviation of what each
+    examination leaves out, as learned. estimates, examinations: how many there were.
     """
 
     value: float
@@ -42,7 +44,8 @@ class Accumulated:
 
 
 def pooled(values: Sequence[float], sigmas: Sequence[float], left_out: float) -> tuple[float, float]:
-    """(mean, its sigma) of windows of one examination; each sigma includes left_out, which they share.
+    """Returns the mean and its sigma over windows of one examination; each sigma includes left_out, which the windows
+    share.
 
     Raises ValueError without any window.
     """
@@ -53,7 +56,9 @@ def pooled(values: Sequence[float], sigmas: Sequence[float], left_out: float) ->
 
 
 def accumulated(estimates: Sequence[Estimate], left_out: float) -> Accumulated | None:
-    """Estimates in time order, each of windows of its own, with sigmas that include left_out; None without any."""
+    """Returns the average of estimates in time order, or None without any. Each estimate is of windows of its own, and
+    its sigma includes left_out.
+    """
     if not estimates:
         return None
     examinations = [_examined(one, left_out) for one in _examinations(estimates)]
@@ -79,26 +84,26 @@ def _examinations(estimates: Sequence[Estimate]) -> list[list[Estimate]]:
 
 
 def _examined(estimates: Sequence[Estimate], left_out: float) -> tuple[float, float]:
-    """(mean, its variance without what all of them leave out)."""
+    """Returns the mean and its variance, without what all of the estimates leave out."""
     values, sigmas = (np.array([getattr(one, name) for one in estimates]) for name in ("value", "sigma"))
     return _averaged(values, _own(sigmas, left_out))
 
 
 def _own(sigmas: Array, left_out: float) -> Array:
-    """(n,) variances without what is left out; a share of it stays where nothing else is stated, lest one window weigh
-    for all.
+    """Returns the variances, (n,), without what is left out. A share of that stays where nothing else is stated, so
+    that one window does not outweigh all others.
     """
     return np.asarray(np.maximum(sigmas**2 - left_out**2, (left_out / 10) ** 2))
 
 
 def _averaged(values: Array, variances: Array) -> tuple[float, float]:
-    """(mean, its variance), with the scatter beyond the stated variances."""
+    """Returns the mean and its variance, with the scatter beyond the stated variances included."""
     weights = 1 / (variances + _excess(values, variances))
     return float(weights @ values / weights.sum()), float(1 / weights.sum())
 
 
 def _excess(values: Array, variances: Array) -> float:
-    """The variance by which values scatter beyond these, at least 0."""
+    """Returns the variance by which the values scatter beyond the given variances, at least 0."""
     weights = 1 / variances
     total = float(weights.sum())
     misfit = float(weights @ (values - weights @ values / total) ** 2)
@@ -107,6 +112,8 @@ def _excess(values: Array, variances: Array) -> float:
 
 
 def _between(means: Array, variances: Array, left_out: float) -> float:
-    """The variance of what each examination leaves out: as stated, and more and more as their scatter says."""
+    """Returns the variance of what each examination leaves out: as stated at first, and increasingly as the
+    examinations scatter.
+    """
     seen = means.size - 1
     return (_STATED_COUNTS * left_out**2 + seen * _excess(means, variances)) / (_STATED_COUNTS + seen)

@@ -1,4 +1,4 @@
-"""Least squares between bounds, with Huber's weights: θ of the sequential test, and a steady drift of each row."""
+"""Fits, by bounded least squares with Huber's weights, θ of the sequential test and a steady drift of each row."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -11,29 +11,33 @@ from probewatch.appliance.core.path.residual import TAU
 from probewatch.drivers.rigid import Array
 
 INFLATED = 1.3**2
-"""Factor of every variance: tails that are heavier than the model's. In simulations t₅ tails ended a promise of 1e5
-looks after 623 without it. More is later, less trusts the learned noise more than its own scatter allows."""
+"""Factor on every variance, for tails that are heavier than the model's. In simulations with t₅ tails, a promise of 1e5
+looks ended after 623 without it. More reports later; less trusts the learned noise more than its own scatter allows."""
 BEYOND = 3 * LEFT_OUT
-"""rad, relative, mm, s: beyond the limits before anything is accused: three standard deviations of what the model of
-the motion leaves out, as the checks have it."""
+"""rad, relative, mm, s: margin beyond the limits within which nothing is accused. It is three standard deviations of
+what the model of the motion leaves out, as in the checks."""
 PRIOR = np.array([0.2] * 3 + [0.15] * 2 + [10.0] * 3 + [0.1])
-"""Standard deviation of what is beyond: it keeps what the motion does not show near the reference."""
+"""rad, relative, mm, s: standard deviation of what lies beyond the limits. It keeps near the reference what the motion
+does not show."""
 DRIFT = np.array([2.0, 2.0, np.deg2rad(2.0)])
-"""mm/s and rad/s: of each row, for as long as a window: tissue that gives way, a body that creeps. It belongs to
-neither side, or a creep of 1 mm/s would be called a scale while its offset is still within the limit."""
+"""mm/s and rad/s: standard deviation of the drift of each row, which lasts for a whole window: tissue that gives way, a
+body that creeps. It belongs to neither side of the comparison; otherwise a creep of 1 mm/s would be called a scale
+while its offset is still within the limit."""
 ANYTHING = np.diag(np.append(PRIOR, DRIFT) ** -2.0)
-"""(12, 12): information before any motion is seen."""
+"""(12, 12): the information before any motion is seen."""
 VALUE_ROW = TAU + 1 + DRIFT.size
-"""Index of the value in the rows of innovations, behind θ and the drifts."""
+"""Index of the value in the rows of innovations; it follows θ and the drifts."""
 _TURNS = 3
-"""Linear models, each about the fit before: most."""
+"""The maximum number of linear models, each about the previous fit."""
 _ROUNDS, _SEARCH = 6, 30
-"""Reweighted fits of one linear model, and bounds that are taken or left: most."""
+"""The maximum numbers of reweighted fits of one linear model, and of steps that take or leave bounds."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fit:
-    """theta: (12,) θ and the drifts, and whatever else was fitted. cost: −2 log likelihood. information: of theta."""
+    """Holds the result of a fit. theta: (12,) θ and the drifts, and whatever else was fitted. cost: −2 log likelihood.
+    information: that on theta.
+    """
 
     theta: Array
     cost: float
@@ -41,15 +45,15 @@ class Fit:
 
 
 def anywhere(count: int = VALUE_ROW) -> tuple[Array, Array]:
-    """(count,) and (count,): no bounds."""
+    """Returns a lower and an upper bound, (count,) each, that bound nothing."""
     return np.full(count, -np.inf), np.full(count, np.inf)
 
 
 def fitted(rows: Array, about: Array, low: Array, high: Array, prior: Array) -> Fit:
-    """θ between low and high with Huber's weights. rows: (13, k) innovations, linear about `about`, or more of them:
-    whatever else is fitted comes after the drifts, and the value last.
+    """Fits θ between low and high with Huber's weights. rows: (13, k) innovations, linear about `about`; there may be
+    more rows, as whatever else is fitted comes after the drifts, and the value last.
 
-    Far from the solution everything looks like an outlier, so the weights begin with the scatter that is there.
+    Far from the solution everything looks like an outlier, so the weights start from the scatter that is present.
     """
     J, theta = rows[:-1], about
     at_zero = rows[-1] - about @ J
@@ -64,7 +68,9 @@ def fitted(rows: Array, about: Array, low: Array, high: Array, prior: Array) -> 
 
 
 def exact(at: Callable[[Array], Array], low: Array, high: Array, prior: Array) -> Fit:
-    """Fitted again about where the fit before ended. at: rows as of `fitted`, linear about the θ that it is given."""
+    """Fits repeatedly, each time about the result of the previous fit. at: returns rows, as for `fitted`, that are
+    linear about the θ that it is given.
+    """
     theta, fit = np.zeros(len(low)), None
     for _ in range(_TURNS):
         fit = fitted(at(theta), theta, low, high, prior)
@@ -76,12 +82,14 @@ def exact(at: Callable[[Array], Array], low: Array, high: Array, prior: Array) -
 
 
 def spread(fit: Fit, n: int) -> float:
-    """Mean square of what the fit leaves of n blocks, not less than what every variance is inflated by."""
+    """Returns the mean square of the residuals of n blocks, at least the factor by which every variance is inflated."""
     return max(INFLATED, fit.cost / max(3 * n - fit.theta.size, 1) / HUBER_SHARE)
 
 
 def minimum(H: Array, g: Array, low: Array, high: Array) -> Array:
-    """(n,) of ½ xᵀ H x − gᵀ x between low and high: bounds are taken as they are met, and left where it pays."""
+    """Returns the minimum, (n,), of ½ xᵀ H x − gᵀ x between low and high. Bounds become active as they are met, and are
+    released where that lowers the cost.
+    """
     x = np.linalg.solve(H, g)
     if np.all((x >= low) & (x <= high)):
         return np.asarray(x)
@@ -96,6 +104,7 @@ def minimum(H: Array, g: Array, low: Array, high: Array) -> Array:
             at_bound[np.flatnonzero(free)[met]] = True
             continue
         slope = H @ x - g
+        # Where the scaled slope at an active bound points inwards, leaving that bound lowers the cost.
         inwards = np.where(x <= low, -slope, slope) / np.sqrt(np.diag(H)) * at_bound
         if inwards.max() <= 0.0:
             break

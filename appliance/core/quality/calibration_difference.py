@@ -1,4 +1,4 @@
-"""How far two calibrations are from each other, in the quantities that the checks limit."""
+"""Computes how far two calibrations are from each other, in the quantities that the checks limit."""
 
 import math
 from dataclasses import dataclass
@@ -12,8 +12,9 @@ from probewatch.appliance.types import Calibration
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """rotation_deg: angle between the two. scale_percent: (lateral, axial). offset_mm: (lateral, axial, elevational),
-    along the picture axes. image_size_px: both sizes where they differ, else None.
+    """Holds how two calibrations differ. rotation_deg: the angle between them. scale_percent: (lateral, axial).
+    offset_mm: (lateral, axial, elevational), along the picture axes. image_size_px: both sizes where they differ, else
+    None.
     """
 
     rotation_deg: float
@@ -24,12 +25,12 @@ class Difference:
 
     @property
     def distance_mm(self) -> float:
-        """Length of offset_mm."""
+        """Returns the length of offset_mm."""
         return math.hypot(*self.offset_mm)
 
     def beyond(self, limits: Limits) -> bool:
-        """Whether a check of one against the other would fail: then nothing that was verified of the one says anything
-        of the other.
+        """Returns whether a check of one against the other would fail; if so, nothing verified of one says anything of
+        the other.
         """
         return (
             not self.same_polarity
@@ -41,7 +42,7 @@ class Difference:
 
     @property
     def text(self) -> str:
-        """One line; a person who accepts the difference repeats it."""
+        """Returns the difference in one line; a person who accepts the difference repeats it."""
         lateral, axial, elevational = self.offset_mm
         parts = [
             f"turned by {self.rotation_deg:.2f}°",
@@ -57,7 +58,7 @@ class Difference:
         return ", ".join(parts)
 
     def fields(self) -> dict[str, Any]:
-        """Ready for JSON."""
+        """Returns the difference, ready for JSON."""
         return {
             "rotation_deg": self.rotation_deg,
             "scale_percent": list(self.scale_percent),
@@ -69,7 +70,7 @@ class Difference:
 
 
 def difference(before: Calibration, after: Calibration) -> Difference:
-    """What changes when `after` takes the place of `before`."""
+    """Returns what changes when `after` replaces `before`."""
     turn = before.rotation @ after.rotation.T
     cosine = (float(np.trace(turn)) - 1) / 2
     lateral, axial = (float(100 * change) for change in after.scale_mm_per_px / before.scale_mm_per_px - 1)

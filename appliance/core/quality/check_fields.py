@@ -1,4 +1,4 @@
-"""The JSON form of a check and of the error of a point, shared by the status of a service and the report."""
+"""Builds the JSON form of a check and of the error of a point, which the status of a service and the report share."""
 
 from collections.abc import Sequence
 from math import ceil, isfinite
@@ -9,7 +9,7 @@ from probewatch.appliance.types import POINT_ACROSS, Check, PointError, Rival
 
 
 def check_fields(now_ns: int, check: Check) -> dict[str, Any]:
-    """Ready for JSON; shown_age_s: how long before now_ns motion showed it, None where none did."""
+    """Returns the check, ready for JSON. shown_age_s: how long before now_ns motion showed it; None where none did."""
     return {
         "name": check.name,
         "fault": check.fault,
@@ -24,13 +24,13 @@ def check_fields(now_ns: int, check: Check) -> dict[str, Any]:
 
 
 def rival_fields(now_ns: int, rivals: Sequence[Rival]) -> list[dict[str, Any]]:
-    """Each with the fields of its check, and behind_nats."""
+    """Returns each rival with the fields of its check, and behind_nats."""
     return [{**check_fields(now_ns, rival.check), "behind_nats": rival.behind_nats} for rival in rivals]
 
 
 def point_fields(now_ns: int, point: PointError | None, region: Region) -> dict[str, Any] | None:
-    """Ready for JSON; shown_age_s: how long before now_ns the oldest motion was that it rests on. region: of the limits
-    in force.
+    """Returns the error of a point, ready for JSON. shown_age_s: how long before now_ns the oldest motion was on which
+    it rests. region: that of the limits in force.
     """
     if point is None:
         return None
@@ -47,16 +47,16 @@ def point_fields(now_ns: int, point: PointError | None, region: Region) -> dict[
 
 
 def limits_fields(limits: Limits) -> dict[str, Any]:
-    """Ready for JSON: whose limits are in force, and what is not as that profile has it."""
+    """Returns, ready for JSON, which profile of limits is in force, and which limits differ from that profile."""
     beside = limits.model_dump(mode="json", by_alias=True, include={*limits.beside_profile})
     return {"profile": limits.profile, "beside": beside}
 
 
 def up_to(bound_mm: float) -> str:
-    """A bound in mm to a tenth, never less than it is."""
+    """Returns a bound in mm, rounded up to a tenth, so that it is never understated."""
     return f"{ceil(round(bound_mm * 10, 6)) / 10:.1f}"
 
 
 def number_or_none(value: float) -> float | None:
-    """JSON knows no NaN and no infinity."""
+    """Returns the number, or None for NaN and infinity, which JSON does not have."""
     return float(value) if isfinite(value) else None

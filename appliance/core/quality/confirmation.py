@@ -1,4 +1,4 @@
-"""Decides which failed checks of consecutive solutions are named, and which motion a change leaves valid. Pure."""
+"""Decides which failed checks of consecutive solutions are named, and which motion stays valid after a change. Pure."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -11,21 +11,22 @@ from probewatch.appliance.limits import Limits
 from probewatch.appliance.types import PARAMETERS, Check, VerdictKind
 
 _AS_IT_WAS = 0.5
-"""Share of its limit by which what is wrong may move and is no other change: two to three sigmas of a short window in
-the study's gesture. Less starts again for noise, more takes one that grows still for one that stands."""
+"""Share of its limit by which a wrong parameter may move without counting as another change: two to three sigmas of a
+short window in the study's gesture. A smaller value starts again because of noise; a larger one takes a fault that is
+still growing for a steady one."""
 _SLOW = frozenset({"rotation-lateral", "rotation-axial", "offset-lateral", "offset-axial", "offset-elevational"})
-"""Shown only by tilt and turn, of which a few seconds hold too little to decide."""
+"""Names of the checks that only tilt and turn show; a few seconds hold too little of either to decide them."""
 _OF_X = frozenset(PARAMETERS)
 
 
 @dataclass(frozen=True, slots=True)
 class Memory:
-    """State that is carried from one solution to the next.
+    """Holds the state that is carried from one solution to the next.
 
     suspects: names of the checks that failed in the last solution. culprits: the value at which each parameter was
     confirmed to be wrong. valid_ns: older motion is not examined. settled_ns: until then, the short window holds motion
-    from before the last change. lagged_ns: when the newest lag began. failing_ns, breathed_ns: since when any check has
-    failed, and any scale that rests on breathing alone; None where none does.
+    from before the last change. lagged_ns: when the newest lag began. failing_ns, breathed_ns: since when any check,
+    and any scale that rests on breathing alone, has failed; None where none does.
     """
 
     suspects: frozenset[str] = frozenset()
@@ -41,15 +42,15 @@ class Memory:
         return self if t_ns <= self.valid_ns else replace(self, valid_ns=t_ns)
 
     def lagged_from(self, t_ns: int) -> "Memory":
-        """Returns the memory of a new lag: windows that hold motion from before it show neither lag for seconds."""
+        """Returns the memory with a new lag: windows that hold motion from before it show neither lag for seconds."""
         return replace(self.valid_from(t_ns), lagged_ns=t_ns)
 
 
 @dataclass(frozen=True, slots=True)
 class Solved:
-    """Result of one solution at `now_ns`, the time of the newest picture.
+    """Holds the result of one solution at `now_ns`, the time of the newest picture.
 
-    short: finding of the short window, as `decidable` leaves it. finding: of the window that decided, which is
+    short: finding of the short window, as `decidable` leaves it. finding: that of the window that decided, which is
     `span_ns` long. lag_explained: whether the separate search for an explanation found a lag.
     """
 
@@ -61,7 +62,7 @@ class Solved:
 
 
 def decidable(finding: Finding) -> Finding:
-    """Returns the finding with everything undecided that a few seconds of motion cannot show."""
+    """Returns the finding, with every check undecided that a few seconds of motion cannot show."""
     return without(finding, _SLOW)
 
 
@@ -124,7 +125,9 @@ def with_accusation(finding: Finding, accusation: Accusation, reported: bool) ->
 def _held(
     failed: frozenset[str], since_ns: int | None, now_ns: int, for_ns: float
 ) -> tuple[int | None, frozenset[str]]:
-    """Returns since when checks have failed, and `failed` until that is `for_ns` ago, then nothing."""
+    """Returns the time since which checks have failed, and `failed` until `for_ns` have passed since then; no names
+    after that.
+    """
     if not failed:
         return None, failed
     since_ns = now_ns if since_ns is None else since_ns
@@ -144,15 +147,15 @@ def _changed(memory: Memory, short: Finding) -> dict[str, float] | None:
 
 
 def _moved(check: Check, before: float | None) -> bool:
-    """Whether the parameter was not wrong before, or its wrong value has changed since by more than `_AS_IT_WAS` of its
-    limit.
+    """Returns whether the parameter was not wrong before, or its wrong value has changed since by more than
+    `_AS_IT_WAS` of its limit.
     """
     return before is None or abs(check.value - before) > _AS_IT_WAS * check.limit
 
 
 def _punctual(finding: Finding, limits: Limits) -> bool:
-    """Whether the latency is shown to be within half of its limit. A window that contains the onset of a larger latency
-    underestimates it, and its scales are wrong too, so then the short window must be used.
+    """Returns whether the latency is shown to be within half of its limit. A window that contains the onset of a larger
+    latency underestimates it, and its scales are wrong too, so the short window must be used then.
     """
     lateness = latency_of(finding)
     return abs(lateness.value) + limits.confidence_sigma * lateness.sigma <= lateness.limit / 2

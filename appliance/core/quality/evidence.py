@@ -35,7 +35,7 @@ from probewatch.appliance.limits import NAMED_NATS, Limits
 from probewatch.appliance.types import Calibration, Check, Fault, VerdictKind
 
 _OBVIOUS_FLIP_NS = 2_000_000_000
-"""Length of the window up to which each picture is looked at for an obvious flip, 1 ms: a solution finds it by then."""
+"""Window length, ns, up to which each picture is checked for an obvious flip (1 ms): a solution finds it by then."""
 _REQUIRED_FOR = {
     Fault.POLARITY: ("polarity",),
     Fault.SCALE: ("scale-lateral", "scale-axial"),
@@ -45,7 +45,7 @@ _REQUIRED_FOR = {
 
 
 class Evidence:
-    """Estimates the calibration from the current window on request; the latest solution is kept until the next one.
+    """Estimates the calibration from the current window on request, and keeps the latest solution until the next one.
 
     A short window detects a change early, the long window is more accurate. Once the short window shows a fault, motion
     before the change is dropped, so that no estimate mixes the calibrations before and after it. A fault counts when
@@ -72,24 +72,24 @@ class Evidence:
 
     @property
     def estimate(self) -> Calibration | None:
-        """The calibration of the solution that determines most parameters; None without a solution."""
+        """Returns the calibration of the solution that determines most parameters; None without a solution."""
         return None if self._best.solution is None else self._best.solution.calibration
 
     @property
     def follow(self) -> Follow | None:
-        """The share by which the tissue follows the probe, in the solution that determines most parameters; None
-        without one.
+        """Returns the share by which the tissue follows the probe, in the solution that determines most parameters;
+        None without one.
         """
         return None if self._best.solution is None else self._best.solution.follow
 
     @property
     def motions(self) -> int:
-        """The number of pictures used in that solution."""
+        """Returns the number of pictures used in the solution that determines most parameters."""
         return 0 if self._best.solution is None else self._best.solution.motions
 
     @property
     def explanation(self) -> Explanation | None:
-        """The latest explanation of motion that contradicts the reference; None where there was none since a change."""
+        """Returns the latest explanation of motion that contradicts the reference; None without one since a change."""
         return self._examiner.explanation
 
     def restart(self) -> None:
@@ -111,7 +111,7 @@ class Evidence:
         self.reset(Cause.POSE_STAMPS, since_ns)
 
     def reset(self, cause: Cause, since_ns: int = 0) -> None:
-        """Discards what the cause ends, as `resets.RESETS` has it. since_ns: from when on timestamps were wrong."""
+        """Discards what `resets.RESETS` lists for the cause. since_ns: from when on timestamps were wrong."""
         reset(cause, since_ns, self._resets())
 
     def _resets(self) -> dict[tuple[State, Effect], Reset]:
@@ -165,8 +165,8 @@ class Evidence:
         self._memory = replace(kept, valid_ns=min(kept.valid_ns, since_ns), lagged_ns=min(kept.lagged_ns, since_ns))
 
     def checks(self) -> tuple[Check, ...]:
-        """The checks of the latest solution and of a distorted field, and, while neither of its two candidates is
-        decided, the check of an undecided fault.
+        """Returns the checks of the latest solution, of a distorted field, and, while neither candidate is decided, of
+        an undecided fault.
         """
         choice = self._choice.check if self._verification.rivals else None
         latest = tuple(
@@ -179,7 +179,7 @@ class Evidence:
 
     @property
     def required(self) -> tuple[str, ...]:
-        """Names of the checks that must pass before the contact closes."""
+        """Returns the names of the checks that must pass before the contact closes."""
         return self._limits.required_age_s.names
 
     @property
@@ -189,7 +189,7 @@ class Evidence:
 
     @property
     def status(self) -> VerificationStatus:
-        """The verification so far: what is shown, and which contradictions stand."""
+        """Returns the verification so far: what is shown, and which contradictions stand."""
         contradiction, status = self.distortion.contradiction, replace(self._verification.status, lack=self.lack)
         if contradiction is None:
             return status
@@ -197,17 +197,17 @@ class Evidence:
         return replace(status, verified_ns=None, expires_ns=None, contradictions=standing)
 
     def shows(self, fault: Fault) -> bool:
-        """Returns True where the latest solution verifies every parameter of that class."""
+        """Returns whether the latest solution verifies every parameter of that class."""
         return self._latest.shows(_REQUIRED_FOR[fault])
 
     def finish(self) -> WholeSession:
-        """Ends the solution under way. Returns all motion that is kept, for `final`."""
+        """Finishes the solution under way and returns all motion that is kept, for `final`."""
         self._solution.finish()
         return self._session()
 
     def final(self, session: WholeSession) -> tuple[Check, ...]:
-        """The checks of the solution that determines most parameters; the solution over all motion that is kept is one
-        of the candidates.
+        """Returns the checks of the solution that determines most parameters; the solution over all motion that is kept
+        is one of the candidates.
         """
         whole = session.finding()
         if whole.shown >= self._best.shown and whole.failed <= self._latest.failed:
@@ -216,8 +216,8 @@ class Evidence:
         return (*best, *([] if self.distortion.check is None else [self.distortion.check]))
 
     def constant_latency(self) -> Check:
-        """The tracker's latency from all motion that is kept, under the assumption that it has not changed. Unlike
-        `final` it keeps the motion before a change, so it is more accurate for a recording made to measure the latency.
+        """Returns the tracker's latency from all motion that is kept, assuming that it has not changed. Unlike `final`
+        it keeps the motion before a change, so it is more accurate for a recording made to measure the latency.
         """
         return self._session().constant_latency()
 
@@ -238,7 +238,7 @@ class Evidence:
 
     @property
     def under_way(self) -> bool:
-        """Whether a solution is in progress."""
+        """Returns whether a solution is in progress."""
         return self._solution.under_way
 
     def go_on(self, most_us: int) -> None:
@@ -246,9 +246,9 @@ class Evidence:
         self._solution.go_on(most_us)
 
     def _solving(self, window: PathWindow, now_ns: int) -> Steps[None]:
-        """Examines the short window for a change, drops the motion before one, and examines the rest. All of it uses
-        the motion at the start, so a late result does not look newer than its data. Discarding any of that motion, or a
-        contradiction from another detector, cancels the solution.
+        """Examines the short window for a change, drops the motion before one, and examines the rest. The whole
+        solution uses the motion kept at its start, so a late result does not look newer than its data. Discarding any
+        of that motion, or a contradiction from another detector, cancels the solution.
 
         `window` holds the motion kept at `now_ns`.
         """
@@ -296,8 +296,8 @@ class Evidence:
         return own.verdict is not VerdictKind.NOT_VERIFIED
 
     def _accused(self, finding: Finding, whole: PathWindow, now_ns: int) -> Steps[Accusation | None]:
-        """Returns the result of the sequential test. Each contradiction withdraws the OK, and motion before the change
-        is dropped.
+        """Runs the sequential test and returns its result. Each contradiction withdraws the OK, and motion before the
+        change is dropped.
 
         `finding` belongs to the short window, whose noise is used until noise from before the window has been learned.
         """
@@ -314,12 +314,12 @@ class Evidence:
         self.nats = found.nats
         explained = bool(found.named or self._latest.failed)
         if ask_bent and self.distortion.note(found.bent_nats, window.start_ns, now_ns, explained):
-            # Nothing is OK again by the motion that looked bent.
+            # Motion that looked bent must not make anything OK again.
             self.reset(Cause.FIELD_ANSWERED)
             self._memory = self._memory.valid_from(self.distortion.until_ns)
         if not found.checks:
             return None
-        # A mirrored picture looks like many things, and is named elsewhere.
+        # A mirrored picture can look like many other faults, and is named elsewhere.
         if not finding.shows(("polarity",)):
             found = replace(found, checks=without(Finding(found.checks), found.named).checks, rivals=())
         self._verification.accuse(found.checks, found.named, whole.now_ns, found.rivals)
@@ -345,7 +345,7 @@ class Evidence:
         last_contradiction_ns = self._verification.last_contradiction_ns
         self._latest = yield from self._accepted(without(finding, doubtful), long, whole, now_ns)
         if not self._verification.contradictions:
-            # An answered contradiction must not come back with the motion that it was of.
+            # A resolved contradiction must not come back with the motion that caused it.
             self._memory = self._memory.valid_from(last_contradiction_ns)
         if self._latest.shown >= self._best.shown:
             self._best = self._latest
@@ -370,8 +370,8 @@ class Evidence:
         return window, finding
 
     def _due(self, long: PathWindow, short: Finding, now_ns: int) -> bool:
-        """Whether another solution of the long window, three times as costly as one of the short window, is worthwhile:
-        the window still grows, or something contradicts its last solution.
+        """Returns whether another solution of the long window, three times as costly as one of the short window, is
+        worthwhile: the window still grows, or something contradicts its last solution.
         """
         doubted = bool(short.failed or self._memory.suspects) or self._verification.doubted
         return doubted or long.span_ns < PRESENT_NS or now_ns - self._long_ns >= SELDOM_NS

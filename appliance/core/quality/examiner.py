@@ -1,6 +1,4 @@
-"""Examines windows with the context around them: noise learned earlier, a latency far beyond its limit, and a drifting
-latency.
-"""
+"""Examines windows in context: noise learned earlier, a latency far beyond its limit, and a drifting latency."""
 
 from probewatch.appliance.core.detectors.calibration_change import latency_check
 from probewatch.appliance.core.parameters import BREATHED
@@ -18,20 +16,19 @@ from probewatch.appliance.limits import Limits
 from probewatch.appliance.types import Calibration, Fault, VerdictKind
 
 _EXPLAINED_NS = 6_000_000_000
-"""Motion in which is looked for what explains it where the reference does not: each search takes 2 ms, 7 ms where not
-even a lag explains it. A longer window names later what has just begun, a shorter one leaves
-little of it to a lag whose poses are yet to come.
-"""
+"""Length, ns, of the motion for which another explanation is searched where the reference does not explain it. Each
+search takes 2 ms, or 7 ms where not even a lag explains the motion. A longer window names later what has just begun; a
+shorter one leaves little motion to a lag whose poses are yet to come."""
 _SURELY_LATE_S, _OTHER_LAG_S = 0.02, 0.05
-"""Beyond its limit, from which a lag of the last second counts at once, and how far from the one that is known. Less
+"""s: how far beyond its limit a lag of the last second must be to count at once, and how far from the known lag. Less
 takes a slow drift, which is followed elsewhere, for a new lag at each solution; more leaves it to windows of 3.5 s,
 which name it two seconds later."""
 
 
 class Examiner:
-    """Examines windows of motion. `noises` are those learned so far. `about_s` is the latency around which the search
-    is centred; 0 where none beyond the limit is known. `explanation` is the latest one of motion that contradicts the
-    reference; None where there was none since a change.
+    """Examines windows of motion. `noises` holds the noise learned so far. `about_s` is the latency around which the
+    search is centred; 0 where none beyond the limit is known. `explanation` is the latest one of motion that
+    contradicts the reference; None where there was none since a change.
     """
 
     def __init__(self, reference: Calibration, limits: Limits) -> None:
@@ -53,7 +50,7 @@ class Examiner:
         self._drifted = None
 
     def search_again(self) -> None:
-        """Searches the next unexplained motion for a lag at once, because some motion had wrong timestamps."""
+        """Has the next unexplained motion searched for a lag at once, because some motion had wrong timestamps."""
         self._explained_ns = 0
 
     def examined(self, window: PathWindow, start: Noise | None) -> Steps[Finding]:
@@ -68,13 +65,13 @@ class Examiner:
         self, remembered: PathWindow, recent: PathWindow, valid_ns: int, before_ns: int, now_ns: int
     ) -> Steps[Finding]:
         """Returns the finding of the recent window, with the noise learned before `before_ns`. Where the motion stays
-        unexplained, an explanation is searched for; if it moves the latency, the window is examined again.
+        unexplained, searches for an explanation, and examines the window again if that moves the latency.
 
         `remembered` is all motion that is kept. `valid_ns` is the time of the last change; older motion explains
         nothing.
         """
         finding = yield from self.examined(recent, self.noises.for_window(recent, before_ns))
-        # At every solution while there is less motion than is looked at, as each adds much to it.
+        # Motion shorter than the search window grows much with each solution, so each of them searches.
         every_ns = 0 if remembered.span_ns < _EXPLAINED_NS else SELDOM_NS
         if not _explained(finding) and not 0 <= now_ns - self._explained_ns < every_ns:
             about_s = self.about_s
@@ -115,7 +112,7 @@ class Examiner:
         return self._with_drift(finding, recent)
 
     def _with_drift(self, finding: Finding, window: PathWindow) -> Finding:
-        """Withholds the OK of a latency that has drifted beyond its limit by now, or may have."""
+        """Withholds the OK of a latency that has, or may have, drifted beyond its limit by now."""
         check = latency_of(finding)
         if self._drifted is None or not agreed(finding) or check.verdict is VerdictKind.FAULT:
             return finding
@@ -129,8 +126,8 @@ class Examiner:
 
 
 def _explained(finding: Finding) -> bool:
-    """Whether the reference with a known latency explains the motion: a wrong polarity can look like a latency, and
-    like swapped axes of the sensor.
+    """Returns whether the reference with a known latency explains the motion: a wrong polarity can look like a latency,
+    and like swapped axes of the sensor.
     """
     needed = {Fault.AGREEMENT, Fault.POLARITY, Fault.LATENCY}
     return needed <= {check.fault for check in finding.checks if check.verdict is VerdictKind.OK}

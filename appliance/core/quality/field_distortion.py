@@ -23,29 +23,33 @@ REPORTS_FAULTS = (Fault.FIELD_DISTORTION,)
 
 NAME = "field-distortion"
 _LEAST_BLOCKS = 40
-"""Blocks of a tenth of a second. Fewer cannot show 3 mm of metal's error, which is at 6 nats after 7 s of a gesture."""
+"""The least number of blocks, each a tenth of a second. Fewer cannot show an error of 3 mm from metal, which reaches
+6 nats after 7 s of a gesture."""
 _LEAST_TRAVEL_MM = 4.0
-"""Along an axis of the picture, but for the widest 5 %. Over less, a breath passes for slopes: a breathing hold reached
-28 nats over 1 mm (`probewatch study`, seed 2)."""
+"""Least travel of the probe, mm, along an axis of the picture, without the widest 5 %. Over less, a breath passes for
+slopes: a breathing hold reached 28 nats over 1 mm (`probewatch study`, seed 2)."""
 _BREATHS = 2.0
-"""Standard deviations of breathing, as learned, that the probe must have covered as well: 4 mm beside quiet breathing.
-An organ that went to and fro by 12 mm obliquely had 4.4 and 6.4 mm, and 33 nats over 10 mm (study, in-plane, seed 2).
-More loses metal in the field of a patient who breathes deeply; less accuses that patient's tracker."""
+"""The number of standard deviations of breathing, as learned, that the probe must have covered as well: 4 mm in quiet
+breathing. An organ that moved to and fro by 12 mm obliquely had 4.4 and 6.4 mm, and reached 33 nats over 10 mm
+(study, in-plane, seed 2). More misses metal in the field of a patient who breathes deeply; less accuses that patient's
+tracker."""
 DOUBTED_NATS = WITHDRAWN_NATS + 3.5
-"""From which the OK is withdrawn: half a nat for each of seven slopes, which they gain by chance. Metal's error of
-3 mm from the start of a gesture reached 18 to 20; healthy scanning: docs/known-anomalies.md."""
+"""Evidence, nat, from which the OK is withdrawn. It includes half a nat for each of seven slopes, which they gain by
+chance. An error of 3 mm from metal, present from the start of a gesture, reached 18 to 20; docs/known-anomalies.md has
+the figures of healthy scanning."""
 _CREEP = np.array([[0.01**-2.0]])
-"""Information before any motion is seen of a latency that grows by 10 ms/s, which explains bent poses: without it one
-that grew by 100 ms in 8 s was a field in two of three."""
+"""(1, 1): the information, before any motion is seen, on a latency that grows by 10 ms/s. Such a latency explains bent
+poses: without it, one that grew by 100 ms in 8 s was taken for a field in two of three."""
 _SLOPES = np.diag(np.repeat([0.05, np.deg2rad(0.05)], [4, 3]) ** -2.0)
-"""(7, 7): the same of slopes of .05 and .05°/mm, what metal makes that displaces a probe by 6 mm from 80 mm away
+"""(7, 7): the same for slopes of .05 and .05°/mm, which metal causes that displaces a probe by 6 mm from 80 mm away
 (tools/study/metal.py). With .15 and .5°/mm healthy carts were accused, of slopes of .25 and .48/mm."""
 _LEFT_OUT, _OUTLYING = 3, 8.0
-"""Blocks at most, and standard deviations from which one is left out of both fits: a field bends every block, and a
-single pose 50 mm away, which without it makes 12 nats, is no evidence. More reports metal later that comes suddenly."""
+"""The maximum number of blocks that are left out of both fits, and the standard deviations from which one is. A field
+bends every block; a single pose that is 50 mm away is no evidence, but makes 12 nats unless it is left out. More delays
+the report of metal that appears suddenly."""
 _WORTH_NATS = 6.0
-"""From which it is asked for with every solution and not once in `SELDOM_NS`: the question takes about as long as all
-else of the sequential test. More withdraws the OK later."""
+"""Evidence, nat, from which the test runs with every solution, not only once in `SELDOM_NS`: it takes about as long as
+all the rest of the sequential test. More withdraws the OK later."""
 
 
 def distortion_nats(rows: Innovations) -> Steps[float | None]:
@@ -59,8 +63,8 @@ def distortion_nats(rows: Innovations) -> Steps[float | None]:
     if not rows.rigid or n < _LEAST_BLOCKS or rows.travel_mm(n).max() < least_mm:
         return None
     yield TRIAL.of()
-    # Both fits are of one linear model, about the best calibration: with another scale the measured path is as much
-    # longer, breathing and all, and slopes would gain by taking the place of that scale.
+    # Both fits use one linear model, about the best calibration: with another scale the measured path, breathing
+    # included, is longer by that scale, and slopes would gain by taking its place.
     theta = exact(lambda theta: rows.at(theta, n), *anywhere(), ANYTHING).theta
     linear = rows.at(theta, n)
     value, columns, priors = linear[-1:], [linear[:-1], rows.latency_ramp(theta)], [ANYTHING, _CREEP]
@@ -74,6 +78,7 @@ def distortion_nats(rows: Innovations) -> Steps[float | None]:
         priors.append(np.eye(len(columns[-1])) * 1e-6)
         yield TRIAL.of()
         rigid = _best(columns, value, theta, priors)
+    # Equation (28b): the same fit once more, with slopes.
     yield TRIAL.of()
     bent = _best([*columns, rows.slopes()], value, theta, [*priors, _SLOPES])
     gain = 0.5 * (rigid.cost - bent.cost) / spread(bent, n)
@@ -97,8 +102,8 @@ def _about(theta: Array, count: int) -> Array:
 
 class FieldDistortion:
     """Keeps the state of the check. `check` is FAULT once the evidence has stayed at or above `named_nats`,
-    NOT_VERIFIED from DOUBTED_NATS on, which withholds the OK, and None below. `nats` belongs to the latest solution;
-    None where that was not conclusive. `until_ns` is the newest motion that looked distorted.
+    NOT_VERIFIED from DOUBTED_NATS on, which withholds the OK, and None below. `nats` belongs to the latest solution; it
+    is None where that was not conclusive. `until_ns` is the newest motion that looked distorted.
 
     Only motion ends the state: it stands until a window that lies wholly after that motion shows no distortion.
     """
@@ -113,21 +118,21 @@ class FieldDistortion:
 
     @property
     def contradiction(self) -> Contradiction | None:
-        """The contradiction, like that of a parameter, while it stands."""
+        """Returns the contradiction, in the form of that of a parameter, while it stands."""
         check = self.check
         return None if check is None else Contradiction(check, self.until_ns, check.verdict is VerdictKind.FAULT)
 
     def due(self, now_ns: int) -> bool:
-        """Whether the solution at `now_ns` should compute `distortion_nats`."""
+        """Returns whether the solution at `now_ns` should compute `distortion_nats`."""
         lately = self._asked_ns is not None and 0 <= now_ns - self._asked_ns < SELDOM_NS
         return not lately or (self.nats or 0.0) >= _WORTH_NATS
 
     def lose_sight(self) -> None:
-        """Keeps the result, as the contradictions of parameters are kept."""
+        """Discards the evidence under way but keeps the result, as the contradictions of parameters are kept."""
         self._since_ns = self._asked_ns = self.nats = None
 
     def predate(self, since_ns: int) -> None:
-        """Motion at or after `since_ns` had wrong timestamps: results that rest on it count as of just before."""
+        """Dates results that rest on motion at or after `since_ns`, which had wrong timestamps, to just before it."""
         self.until_ns = min(self.until_ns, since_ns - 1)
 
     def note(self, nats: float | None, start_ns: int, now_ns: int, explained: bool) -> bool:

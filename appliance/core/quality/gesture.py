@@ -1,8 +1,9 @@
-"""The shortest motion that shows what is still missing: a verification gesture, shown to the person who holds the
-probe.
+"""Chooses the shortest motion that shows what is still missing: a verification gesture, which is displayed to the
+person who holds the probe.
 
-By the Cramér–Rao bounds of each motion alone (tests/appliance/core/quality/test_gesture.py): 5 s of it at .1 mm of
-tracker noise show the parameters named beside it within their limits, by three sigmas, unless said otherwise.
+What each motion shows follows from the Cramér–Rao bounds of that motion alone
+(tests/appliance/core/quality/test_gesture.py): with .1 mm of tracker noise, 5 s of it show the parameters named beside
+it within their limits by three sigmas, unless stated otherwise.
 """
 
 from collections.abc import Iterable, Mapping
@@ -10,7 +11,7 @@ from enum import Enum
 
 
 class Gesture(Enum):
-    """One motion of the hand over tissue; the text is the operator's, and has a translation."""
+    """Represents one motion of the hand over tissue; the text is for the operator, and has a translation."""
 
     SIDEWAYS = "slide it sideways, 10 mm to and fro"
     PRESS = "press and release quickly, 6 mm"
@@ -26,12 +27,12 @@ _SHOWS: Mapping[Gesture, tuple[str, ...]] = {
     Gesture.TWIST: ("rotation-lateral", "offset-elevational"),
     Gesture.TILT: ("rotation-axial",),
 }
-"""offset-lateral is shown by rocking while the probe slides sideways, not by rocking alone."""
+"""The parameters that each motion shows. Rocking shows offset-lateral only while the probe also slides sideways."""
 _WITH = {"offset-lateral": Gesture.SIDEWAYS}
 
 
 def gestures(missing: Iterable[str]) -> tuple[Gesture, ...]:
-    """What to do so that motion shows every one of these parameters, in the order in which one does it."""
+    """Returns the motions that together show every one of these parameters, in the order in which they are done."""
     names = set(missing)
     wanted = {gesture for gesture, shows in _SHOWS.items() if names.intersection(shows)}
     wanted |= {gesture for name, gesture in _WITH.items() if name in names}

@@ -1,7 +1,7 @@
-"""Innovations of what picture and tracker say, the newest first.
+"""Computes the innovations of what picture and tracker report, newest first.
 
-What is whitened of the last seconds does not depend on what came before, and one factorisation serves every start of
-the sequential test.
+In that order the whitened values of the last seconds do not depend on what came before, so that one factorisation
+serves every start of the sequential test.
 """
 
 import numpy as np
@@ -18,9 +18,9 @@ from probewatch.drivers.rigid import Array
 
 
 class Innovations:
-    """Innovations of the rows and of their derivatives, the newest first.
+    """Holds the innovations of the rows and of their derivatives, newest first.
 
-    breathing_mm: standard deviation of the breathing that is reckoned with, along the axis that has more.
+    breathing_mm: standard deviation of the breathing that is allowed for, along the axis that has more.
     """
 
     def __init__(self, window: PathWindow, reference: Calibration, noise: Noise, lag_s: float) -> None:
@@ -35,45 +35,46 @@ class Innovations:
         self._at_reference = self._white(np.zeros(VALUE_ROW), len(self))
 
     def __len__(self) -> int:
-        """Blocks."""
+        """Returns the number of blocks."""
         return len(self._residual.blocks)
 
     def start_ns(self, n: int) -> int:
-        """Stamp of the first of the last n blocks."""
+        """Returns the stamp of the first of the last n blocks."""
         return self._samples.stamp_ns(float(self._residual.blocks.t_s[-n]))
 
     @property
     def rigid(self) -> bool:
-        """Whether the tissue does not give way."""
+        """Returns whether the tissue does not give way."""
         return self._residual.rigid
 
     @property
     def is_informative(self) -> bool:
-        """See `PathResidual`."""
+        """Returns `PathResidual.is_informative`."""
         return self._residual.is_informative
 
     def travel_mm(self, n: int) -> Array:
-        """(2,) as of `PathResidual`."""
+        """Returns `PathResidual.travel_mm` of the last n blocks, (2,)."""
         return self._residual.travel_mm(n)
 
     def score(self, n: int) -> float:
-        """Score of the last n blocks against the reference, to first order."""
+        """Returns the score of the last n blocks against the reference, nat, to first order."""
         white = self.at_reference(n)
         slope = white[:VALUE_ROW] @ np.clip(white[VALUE_ROW], -HUBER, HUBER)
         information = white[:VALUE_ROW] @ white[:VALUE_ROW].T + ANYTHING
         return 0.5 * float(slope @ np.linalg.solve(information, slope)) / INFLATED
 
     def at_reference(self, n: int) -> Array:
-        """(13, 3 n): of the last n blocks."""
+        """Returns the innovations of the last n blocks at the reference, (13, 3 n)."""
         return self._at_reference[:, :, :n].reshape(VALUE_ROW + 1, -1)
 
     def at(self, theta: Array, n: int) -> Array:
-        """(13, 3 n): the same, linear about theta (12,)."""
+        """Returns the same, (13, 3 n), linear about theta, (12,)."""
         return self._white(theta, n).reshape(VALUE_ROW + 1, -1)
 
     def slopes(self) -> Array:
-        """(7, 3 m): derivatives of all blocks by what each row gains with the predicted way, lateral, axial and out of
-        the plane; 1 and rad/mm. The growth of the lateral way with itself, and of the axial, is a scale and left out.
+        """Returns the derivatives of all blocks, (7, 3 m), by what each row gains with the predicted way, lateral,
+        axial and out of the plane; 1 and rad/mm. The growth of the lateral way with itself, and of the axial way with
+        itself, is a scale and is left out.
         """
         ways = np.vstack([self._residual.way_mm, self._residual.elevation_mm])[:, ::-1]
         rows = len(self._whitening)
@@ -84,13 +85,15 @@ class Innovations:
         return np.delete(every, [LATERAL * len(ways) + LATERAL, AXIAL * len(ways) + AXIAL], axis=0)
 
     def latency_ramp(self, theta: Array) -> Array:
-        """(1, 3 m): derivative of all blocks by a latency that grows with time, 0 at the newest; 1/s."""
+        """Returns the derivative of all blocks, (1, 3 m), by a latency that grows with time, 0 at the newest; 1/s."""
         t_s = self._residual.blocks.t_s
         grown = (self._linear(theta)[:, TAU] * (t_s - t_s[-1]))[:, ::-1]
         return np.concatenate([W @ row for row, W in zip(grown, self._whitening, strict=True)])[None]
 
     def displaced(self, k: int) -> Array:
-        """(3, 3 m): derivatives of all blocks by a displacement of the k-th, of one row each; 1/mm and 1/rad."""
+        """Returns the derivatives of all blocks, (3, 3 m), by a displacement of the k-th block, one for each row; 1/mm
+        and 1/rad.
+        """
         rows = len(self._whitening)
         white = np.zeros((rows, rows, len(self)))
         for row, W in enumerate(self._whitening):
@@ -98,7 +101,7 @@ class Innovations:
         return white.reshape(rows, -1)
 
     def _white(self, theta: Array, n: int) -> Array:
-        """(13, 3, n)."""
+        """Returns the whitened innovations of the last n blocks, (13, 3, n), linear about theta."""
         newest = self._linear(theta)[:, :, ::-1][:, :, :n]
         white = np.zeros((VALUE_ROW + 1, len(newest), n))
         for k, (row, W) in enumerate(zip(newest, self._whitening, strict=True)):
@@ -109,7 +112,9 @@ class Innovations:
         return white
 
     def _linear(self, theta: Array) -> Array:
-        """(3, 13, m). The lateral scale is regressed on the predicted path: tissue moves the measured one."""
+        """Returns the rows of the residual, (3, 13, m), linear about theta. The lateral scale is regressed on the
+        predicted path, because tissue moves the measured one.
+        """
         theta = np.append(theta[: TAU + 1], np.zeros(NOTHING.size - TAU - 1))
         linear = self._residual.linear(theta).copy()
         rows = [LATERAL, AXIAL] if self._residual.rigid else [LATERAL]

@@ -1,4 +1,4 @@
-"""Quality Control: from checks to one verdict, and from many verdicts to the verdict on a session."""
+"""Derives one verdict from checks, and the verdict on a session from many verdicts (Quality Control)."""
 
 from collections import defaultdict
 from collections.abc import Sequence
@@ -12,13 +12,11 @@ from probewatch.appliance.types import PARAMETERS, Check, Fault, Kind, PointErro
 
 _ESTIMATED = frozenset({"polarity", "latency", *PARAMETERS})
 _NEAR = 0.8
-"""Share of its limit from which an estimate is named, even when it is one sigma less: low enough that a drift is read
-before it fails, high enough that the noise of a good calibration, a fifth of the limits or so, is not.
-"""
+"""Share of its limit from which an estimate is named even when it is one sigma less: low enough that a drift is noticed
+before it fails, high enough that the noise of a good calibration, a fifth of the limits or so, is not named."""
 _LASTING_NS = 1_000_000_000
-"""For which a fault must last to name a whole recording. Less lets a passing contradiction name it, more hides short
-faults. The alarm of a cart does not wait for it.
-"""
+"""Time, ns, for which a fault must last to name a whole recording. Less lets a passing contradiction name it, more
+hides short faults. The alarm of a cart does not wait for it."""
 _FIRST = (
     Fault.FROZEN_VIDEO,
     Fault.TRACKER_STALE,
@@ -29,24 +27,24 @@ _FIRST = (
 )
 """Faults that spoil or explain everything measured after them, in the order in which they are named."""
 _LAST = (Fault.MARKER_BODY_MOVED, Fault.UNDECIDED, Fault.FIELD_DISTORTION)
-"""Reported after all others: that one of two bodies moved, of which motion names the first; what is not decided; and
-what mends by itself and must not hide what waits for a person."""
+"""Faults that are reported after all others: that one of two bodies moved, of which motion names the first; what is not
+decided; and what mends by itself and must not hide what waits for a person."""
 
 BROKE = "the picture does not continue the one that was verified"
-"""Lifted off, or another setting of the scanner: no detector names which."""
+"""The reason after the probe was lifted off or a setting of the scanner was changed; no detector names which it was."""
 _NOT_YET = "not shown yet"
 _LACKS = {
     "depth_mm": "picture too shallow: {value:.0f} mm, over tissue that may give way {least:.0f} mm needed",
     "tissue_mm2": "too little tissue in the picture: {value:.0f} mm², where it may give way {least:.0f} mm² needed",
 }
-"""The sentence of each `Lack`, by its name."""
+"""The sentence for each `Lack`, by its name."""
 
 
 def judge(t_ns: int, checks: tuple[Check, ...], status: VerificationStatus, broke: bool = False) -> Verdict:
-    """FAULT if any check failed; OK if every required one is shown, none is contradicted, and none of kind SIGHT says
-    that the others speak of no tissue; NOT_VERIFIED otherwise.
+    """Returns a FAULT if any check failed; an OK if every required check is shown, none is contradicted, and none of
+    kind SIGHT reports that the others do not refer to tissue; a NOT_VERIFIED otherwise.
 
-    status: of the `Evidence`. broke: the picture does not continue the one that was verified.
+    status: that of the `Evidence`. broke: whether the picture does not continue the one that was verified.
     """
     failed = [check for check in checks if check.verdict is VerdictKind.FAULT]
     if failed:
@@ -72,8 +70,9 @@ def judge(t_ns: int, checks: tuple[Check, ...], status: VerificationStatus, brok
 
 
 def bounded(verdict: Verdict, point: PointError | None, limit_mm: float | None) -> Verdict:
-    """The verdict with the error of a point, which is not reported with a FAULT. limit_mm: that an OK may have, None
-    for any: beyond it, and where the error is not known, nothing is verified. It gives no OK and names no fault.
+    """Returns the verdict with the error of a point, which no FAULT reports. limit_mm: the most that an OK may have,
+    None for any; beyond it, and where the error is not known, nothing is verified. The error gives no OK and names no
+    fault.
     """
     if verdict.kind is VerdictKind.FAULT:
         return verdict
@@ -92,7 +91,7 @@ def bounded(verdict: Verdict, point: PointError | None, limit_mm: float | None) 
 
 
 class Judgement:
-    """Remembers whether a fault lasted and whether the calibration was ever verified.
+    """Tracks whether a fault lasted and whether the calibration was ever verified.
 
     required: names of the checks that the contact asks for.
     """
@@ -108,7 +107,7 @@ class Judgement:
         self._point: PointError | None = None
 
     def note(self, verdict: Verdict) -> None:
-        """Take the next verdict of the line, in time order."""
+        """Takes the next verdict of the line, in time order."""
         self._last_ns, self._rivals = verdict.t_ns, verdict.rivals
         self._point = verdict.point or self._point
         if verdict.kind is VerdictKind.OK:
@@ -122,11 +121,11 @@ class Judgement:
             self._failing[verdict.fault] = verdict
 
     def overall(self, checks: tuple[Check, ...], lack: Lack | None = None) -> Verdict:
-        """FAULT if one lasted a second, else OK if the calibration was verified at any time, else FAULT if all of the
-        recording shows that the tracker is late, else NOT_VERIFIED.
-        Beside a FAULT there is no error of a point, else it is as it was last known.
+        """Returns a FAULT if one lasted a second, else an OK if the calibration was verified at any time, else a FAULT
+        if the whole recording shows that the tracker is late, else a NOT_VERIFIED. A FAULT has no error of a point; the
+        other verdicts have the last one known.
 
-        checks: the best that was known of each quantity; a lasting fault puts its failing checks in their place. lack:
+        checks: the best that was known of each quantity; the failing checks of a lasting fault replace them. lack: that
         of the pictures at the end.
         """
         fault = max(self._lasted_ns, key=lambda name: self._lasted_ns[name], default=None)
@@ -157,7 +156,7 @@ def _shown(checks: tuple[Check, ...]) -> set[str]:
 
 
 def _unverified(checks: tuple[Check, ...], lack: str, missing: list[str]) -> str:
-    """Why there is no OK: first what contradicts it, then what is missing."""
+    """Returns why there is no OK: first what contradicts it, then what is missing."""
     agreement = next((check for check in checks if check.name == "motion-agreement" and check.ratio > 1), None)
     if agreement is not None:
         return f"picture and tracker disagree: {agreement.name} {agreement.ratio:.3g} × its limit"
@@ -170,7 +169,7 @@ def _lacks(lack: Lack | None) -> list[str]:
 
 
 def _doubts(checks: tuple[Check, ...]) -> list[str]:
-    """The undecided estimate that is nearest to its limit, or farthest beyond; none where all are far from theirs."""
+    """Returns the undecided estimate nearest to its limit, or farthest beyond; none where all are far from theirs."""
     undecided = (check for check in checks if check.name in _ESTIMATED and check.verdict is VerdictKind.NOT_VERIFIED)
     near = [check for check in undecided if abs(check.value) - check.sigma >= _NEAR * check.limit]
     if not near:
@@ -187,7 +186,7 @@ def _urgency(check: Check) -> tuple[int, float]:
 
 
 def _worst_of_each(failed: list[Check]) -> dict[Fault, Check]:
-    """The worst check of each class, the most urgent first: two faults at once are both reported."""
+    """Returns the worst check of each class, the most urgent first, so that two faults at once are both reported."""
     of_each: dict[Fault, Check] = {}
     for check in sorted(failed, key=_urgency):
         of_each.setdefault(check.fault, check)
@@ -201,7 +200,7 @@ def _contradiction(contradiction: Contradiction) -> str:
 
 
 def _undecided(rivals: Sequence[Rival]) -> str:
-    """Which it may be, how far the second is behind, and the motion that shows which of them it is."""
+    """Returns which candidates there are, how far the second is behind, and the motion that decides between them."""
     names = [rival.check.name for rival in rivals]
     motions = " + ".join(gesture.value for gesture in gestures(names))
     return f"cause undecided, {rivals[1].behind_nats:.1f} nat apart: {', '.join(names)}; to decide: {motions}"

@@ -1,8 +1,8 @@
-"""How far a point of the picture may be from where the reference puts it: a bound in millimetres. Pure.
+"""Bounds how far a point of the picture may be from where the reference puts it, in millimetres. Pure.
 
 What the examination leaves open of the calibration and the latency is a normal distribution of nine numbers. To first
-order the error of a point is linear in them, so it is normal as well: a mean and a covariance in the axes of the
-picture, whose length is that in the tracker's. The latency counts by the speed with which the hand moves the point.
+order the error of a point is linear in them, so it is normal as well, with a mean and a covariance in the axes of the
+picture; its length is the same in the tracker's. The latency contributes by the speed at which the hand moves it.
 """
 
 from dataclasses import dataclass
@@ -21,9 +21,9 @@ from probewatch.drivers.rigid import Array, skew
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Change:
-    """What the truth may be beside the reference and a punctual tracker: θ, the parameters of X and the latency.
+    """Holds how the truth may differ from the reference and a punctual tracker: θ, the parameters of X and the latency.
 
-    mean: (9,), covariance: (9, 9), in rad, relative, mm and s; with what the model of the motion leaves out.
+    mean: (9,), covariance: (9, 9), in rad, relative, mm and s, including what the model of the motion leaves out.
     stamps_err_s: bound of the error that the stamps share. shown_ns: the oldest of the times of `Solution.shown_ns`.
     """
 
@@ -34,8 +34,8 @@ class Change:
 
 
 def change_of(finding: Finding, stamps_err_s: float) -> Change | None:
-    """The values and sigmas of the checks, with the correlations of the solution that they are of. None where anything
-    of it was not observed, or where polarity or latency are not known to be in order: then no bound holds.
+    """Returns the values and sigmas of the checks, with the correlations of the solution that they come from. Returns
+    None where any was not observed, or where polarity or latency is not known to be in order: no bound holds then.
     """
     known = {check.name: check for check in finding.checks}
     checks = [known[name] for name in MEASURED]
@@ -50,8 +50,8 @@ def change_of(finding: Finding, stamps_err_s: float) -> Change | None:
 
 
 def _widened(covariance: Array, sigma: Array) -> Array:
-    """(9, 9) with these sigmas. What the checks add is independent of all; what they know more sharply, as they may the
-    latency, is taken from the row and column as a whole.
+    """Returns the covariance, (9, 9), with these sigmas. What the checks add is independent of everything else; where
+    they know a parameter more precisely, as may be with the latency, its whole row and column shrink.
     """
     solved = np.sqrt(np.diag(covariance))
     sharper = np.minimum(1.0, sigma / solved)
@@ -61,7 +61,7 @@ def _widened(covariance: Array, sigma: Array) -> Array:
 
 
 class Places:
-    """Bounds at a grid of places of the picture, and at both ends of the row at the named depth."""
+    """Bounds the error at a grid of places of the picture, and at both ends of the row at the named depth."""
 
     def __init__(self, reference: Calibration, limits: Limits) -> None:
         self._depth_mm = limits.point_depth_mm
@@ -72,7 +72,7 @@ class Places:
         self._slope = slope_of_places(self._at_mm, reference)
 
     def error(self, change: Change, pace: Array) -> PointError:
-        """pace: (3, 4) as of `Pace`."""
+        """Returns the error of a point that the change leaves open. pace: (3, 4) as of `Pace`."""
         bounds_mm = bounds_at(self._at_mm, self._slope, change, pace).bounds_mm
         region_mm, deep_mm = bounds_mm[:, : self._region], bounds_mm[:, self._region :]
         return PointError(
@@ -87,8 +87,8 @@ class Places:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bounds:
-    """Bounds at n places. mean (n, 3) and covariance (n, 3, 3) of the error, truth less reference, mm in the axes of
-    the picture; bounds_mm: (len(POINT_LEVELS), n).
+    """Holds bounds at n places. mean (n, 3) and covariance (n, 3, 3): those of the error, truth minus reference, mm in
+    the axes of the picture. bounds_mm: (len(POINT_LEVELS), n).
     """
 
     mean: Array
@@ -97,8 +97,8 @@ class Bounds:
 
 
 def bounds_at(at_mm: Array, slope: Array, change: Change, pace: Array) -> Bounds:
-    """at_mm: (n, 3) in the axes of the picture, mm from its middle. slope: their `slope_of_places`. pace: (3, 4) as of
-    `Pace`.
+    """Returns the bounds at these places. at_mm: (n, 3) in the axes of the picture, mm from its middle. slope: their
+    `slope_of_places`. pace: (3, 4) as of `Pace`.
     """
     speeds = at_mm @ pace[:, :3].T + pace[:, 3]
     slope = np.concatenate([slope, speeds[:, :, None]], axis=2)
@@ -108,8 +108,8 @@ def bounds_at(at_mm: Array, slope: Array, change: Change, pace: Array) -> Bounds
 
 
 def slope_of_places(at_mm: Array, reference: Calibration) -> Array:
-    """(n, 3) places in the axes of the picture, mm from its middle → (n, 3, 8): how the place in the room, in these
-    axes, moves with the parameters of X.
+    """Returns how places in the room, in the axes of the picture, move with the parameters of X: (n, 3, 8). at_mm:
+    (n, 3) in these axes, mm from the picture's middle.
     """
     slope = np.zeros((len(at_mm), 3, OFFSET.stop))
     slope[:, :, ROTATION] = skew(at_mm - reference.offset_mm)
@@ -119,11 +119,12 @@ def slope_of_places(at_mm: Array, reference: Calibration) -> Array:
 
 
 def longest(mean: Array, covariance: Array) -> Array:
-    """(n, 3) and (n, 3, 3) of normal vectors → (len(POINT_LEVELS), n): lengths that so many of them do not exceed.
+    """Returns lengths that normal vectors do not exceed, each with one of the probabilities POINT_LEVELS:
+    (len(POINT_LEVELS), n). mean: (n, 3). covariance: (n, 3, 3).
 
-    The square of the length is a sum of weighted noncentral χ²; a shifted χ² with its mean, variance and third cumulant
-    takes its place (Buckley and Eagleson 1988). The bounds then hold for 94.7 to 95.6 % and for 99.6 to 99.75 %,
-    whatever mean and covariance (test_point_error.py).
+    The square of the length is a sum of weighted noncentral χ²; it is approximated by a shifted χ² with the same mean,
+    variance and third cumulant (Buckley and Eagleson 1988). The bounds then hold for 94.7 to 95.6 % and for 99.6 to
+    99.75 %, whatever the mean and covariance (test_point_error.py).
     """
     powers = covariance @ covariance
     seen = np.einsum("nij,nj->ni", covariance, mean)
@@ -137,20 +138,20 @@ def longest(mean: Array, covariance: Array) -> Array:
 
 
 def grid_mm(reference: Calibration, region: Region, across: int) -> Array:
-    """(across², 3) places of the region, its edges among them, in the axes of the picture, mm from its middle."""
+    """Returns places of the region, edges included, (across², 3), in the axes of the picture, mm from its middle."""
     columns, rows = np.linspace(region.left, region.right, across), np.linspace(region.top, region.bottom, across)
     shares = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)
     return _in_picture(reference, shares)
 
 
 def _row_mm(reference: Calibration, region: Region, depth_mm: float) -> Array:
-    """Both ends: along a row the worst is at one of them."""
+    """Returns both ends of the row at that depth, because the worst place of a row is one of them."""
     share = depth_mm / (reference.image_size_px[1] * float(reference.scale_mm_per_px[1]))
     return _in_picture(reference, np.array([[region.left, share], [region.right, share]]))
 
 
 def _in_picture(reference: Calibration, shares: Array) -> Array:
-    """(n, 2) shares of width and height from the upper left corner → (n, 3) mm in the axes of the picture."""
+    """Converts shares of width and height from the upper left corner, (n, 2), to mm in the picture's axes, (n, 3)."""
     size_mm = np.array(reference.image_size_px) * reference.scale_mm_per_px * reference.polarity
     return np.pad((shares - 0.5) * size_mm, ((0, 0), (0, 1)))
 

@@ -1,4 +1,4 @@
-"""The error of a point from picture to picture: what motion last showed of the change, and how the hand moves now."""
+"""Tracks the error of a point from picture to picture, by what motion last showed and by how the hand moves now."""
 
 from collections import deque
 from dataclasses import dataclass, replace
@@ -16,26 +16,25 @@ from probewatch.drivers.rigid import Array, inverse, rigid
 from probewatch.drivers.samples import Matrix4
 
 _OVER_NS = 100_000_000
-"""Over which the speed is taken: with .1 mm of noise it is known to 1.4 mm/s. Longer shows a jerk late and less of it,
-shorter takes the tracker's noise for speed."""
+"""Time, ns, over which the speed is measured: with .1 mm of noise it is known to 1.4 mm/s. A longer time shows a jerk
+late and only in part; a shorter one takes the tracker's noise for speed."""
 _KNOWN_NS = 300_000_000
-"""For which a speed stands without a pose, as long as poses are bridged. Longer shows a moving hand as it was."""
+"""Time, ns, for which a speed stands without a pose, as long as poses are bridged. Longer shows an outdated speed."""
 _ELSE, _ELSE_SHOWN = 3.0, 2.0
-"""Standard deviations of the difference by which newer motion may differ from what is kept; where it shows everything
-itself, so that it can take its place. More keeps what has changed since; fewer drop by chance, until the next, what
-only a gesture shows. Not varied further."""
+"""Standard deviations of the difference by which newer motion may differ from what is kept: in general, and where the
+newer motion shows everything itself, so that it can take the place of what is kept. More keeps what has changed since;
+fewer drop by chance, until the next gesture, what only a gesture shows. Not varied further."""
 _WITHIN_S = 30.0
-"""Seconds in which the variance of what may have changed unseen comes to that of what the model leaves out. Where up to
+"""Time, s, in which the variance of what may have changed unseen reaches that of what the model leaves out. Where up to
 nine parameters crept by up to half of their limits after a gesture in the plane (three runs), the bounds of 99.7 % then
-covered all of the true errors, those of 95 % 65 to 100 %; with half of it 98 to 100 and 64 to 93 %, with none 99 and
-82 % in the run that was tried. Less withholds what still holds.
-"""
+covered all of the true errors, and those of 95 % covered 65 to 100 %; with half of it 98 to 100 and 64 to 93 %, with
+none 99 and 82 % in the run that was tried. Less withholds what still holds."""
 _ALL = frozenset({Fault.POLARITY.value, *MEASURED})
 
 
 class Pace:
-    """How the hand moves the picture. now: (3, 4), from a place in the picture (x, y, z, 1), mm, to its speed in the
-    axes of the picture, mm/s; None while it is not known.
+    """Tracks how the hand moves the picture, as a map, (3, 4), from a place in the picture (x, y, z, 1), mm, to its
+    speed in the axes of the picture, mm/s.
     """
 
     def __init__(self, reference: Calibration) -> None:
@@ -44,7 +43,7 @@ class Pace:
         self._now: Array | None = None
 
     def step(self, t_ns: int, pose: Matrix4) -> None:
-        """The pose of the picture at t_ns, sensor → tracker."""
+        """Takes the pose of the picture at t_ns, sensor → tracker."""
         self._poses.append((t_ns, pose))
         while len(self._poses) > 2 and t_ns - self._poses[1][0] >= _OVER_NS:
             self._poses.popleft()
@@ -56,28 +55,28 @@ class Pace:
             self._now = way[:3] / ((t_ns - before_ns) / 1e9)
 
     def at(self, t_ns: int) -> Array | None:
-        """`now` as of a picture at t_ns."""
+        """Returns the map for a picture at t_ns; None where it is not known."""
         known = self._poses and 0 <= t_ns - self._poses[-1][0] <= _KNOWN_NS
         return self._now if known else None
 
     def restart(self) -> None:
-        """Poses before now were stamped wrongly, or lie behind a gap."""
+        """Drops the poses before now, which were stamped wrongly or lie behind a gap."""
         self._poses.clear()
         self._now = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Shown:
-    """A window in which all ten checks were OK."""
+    """Holds what a window showed in which all ten checks were OK."""
 
     change: Change
     checks: tuple[Check, ...]
 
 
 class PointWatch:
-    """What a window showed says less and less of now. That of a whole gesture is kept while it still says more than
-    later ones, and while these do not show everything, for as long as the offsets count. A contradiction of the
-    calibration, or later motion that shows something else, ends it.
+    """Bounds the error of a point by what windows have shown, which says less and less about the present. The result of
+    a whole gesture is kept while it still says more than later ones, and while these do not show everything, for as
+    long as the offsets count. A contradiction of the calibration, or later motion that shows something else, ends it.
     """
 
     def __init__(self, reference: Calibration, limits: Limits) -> None:
@@ -92,7 +91,7 @@ class PointWatch:
         self._kept = self._latest = None
 
     def note(self, finding: Finding, now_ns: int, status: VerificationStatus, stamps_err_s: float) -> None:
-        """What the solution of now_ns shows."""
+        """Takes what the solution of now_ns shows."""
         self._latest = change_of(finding, stamps_err_s)
         kept, everything = self._kept, self._latest is not None and finding.shows(_ALL)
         sigmas = _ELSE_SHOWN if everything else _ELSE
@@ -106,21 +105,21 @@ class PointWatch:
         return kept is None or self._spread_mm(change, now_ns) <= self._spread_mm(kept.change, now_ns)
 
     def _spread_mm(self, change: Change, now_ns: int) -> float:
-        """Bound of 99.7 % at the worst place with a still hand, were the reference the likeliest: how much it says of
-        now, whatever it says.
+        """Returns the bound of 99.7 % at the worst place with a still hand, as if the reference were the likeliest
+        calibration. It measures how much the change says about the present, whatever it says.
         """
         centred = replace(_by(change, now_ns), mean=np.zeros_like(change.mean))
         return self._places.error(centred, np.zeros((3, 4))).worst_mm[-1]
 
     def now(self, t_ns: int, status: VerificationStatus) -> PointError | None:
-        """Error at a picture. None while it is not known: something was not observed, something speaks against the
-        calibration, or it is not known how the hand moves.
+        """Returns the error at a picture. Returns None while it is not known: something was not observed, something
+        contradicts the calibration, or it is not known how the hand moves.
         """
         known = self._known(t_ns, status)
         return None if known is None else self._places.error(*known)
 
     def at(self, t_ns: int, status: VerificationStatus, at_mm: Array) -> Bounds | None:
-        """The same at these places, as of `bounds_at`."""
+        """Returns the same at these places, as `bounds_at` does."""
         known = self._known(t_ns, status)
         return None if known is None else bounds_at(at_mm, slope_of_places(at_mm, self._reference), *known)
 
@@ -137,14 +136,14 @@ class PointWatch:
 
 
 def _by(change: Change, now_ns: int) -> Change:
-    """What it says of now."""
+    """Returns the change as known at now_ns, with the variance of what may have changed unseen since it was shown."""
     age_s = max(now_ns - change.shown_ns, 0) / 1e9
     unseen = np.diag(np.square(LEFT_OUT)) * (age_s / _WITHIN_S)
     return replace(change, covariance=change.covariance + unseen)
 
 
 def _differs(checks: tuple[Check, ...], kept: tuple[Check, ...], sigmas: float) -> bool:
-    """Whether any parameter of X has become another since; what is not observed differs in nothing."""
+    """Returns whether any parameter of X has changed since; one that is not observed does not differ."""
     before = {check.name: check for check in kept}
     return any(
         abs(check.value - before[check.name].value) > sigmas * hypot(check.sigma, before[check.name].sigma)

@@ -21,7 +21,7 @@ RECOVERED = frozenset({*PARAMETERS[:3], "offset-lateral", "offset-axial"})
 
 
 class Step(Enum):
-    """The action that follows from a proposal; the value is its name in JSON."""
+    """Names the action that follows from a proposal; the value is its name in JSON."""
 
     SET_LATENCY = "set-latency"
     TAKE_X = "take-x"
@@ -30,9 +30,9 @@ class Step(Enum):
 
 @dataclass(frozen=True, slots=True)
 class NewValue:
-    """The new value of a parameter that is shown to be wrong. `was` and `now` are, for rotations, angles about the
-    picture's axes from the reference, deg; for scales mm/px; for offsets mm; for the latency ms, as the tracker's URL
-    states it and as it should state it.
+    """Holds the new value of a parameter that is shown to be wrong. `was` and `now` are, for rotations, angles about
+    the picture's axes from the reference, deg; for scales mm/px; for offsets mm; for the latency ms, as the tracker's
+    URL states it and as it should state it.
     """
 
     name: str
@@ -43,7 +43,7 @@ class NewValue:
 
     @property
     def text(self) -> str:
-        """The change as one clause."""
+        """Returns the change as one clause."""
         digits = 4 if self.unit == "mm/px" else 1
         now, sigma, was = (f"{number:.{digits}f}" for number in (self.now, self.sigma, self.was))
         return f"{self.name} is now {now} ± {sigma} {self.unit}, was {was} {self.unit}"
@@ -51,7 +51,7 @@ class NewValue:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Proposal:
-    """A proposal. `values` lists what is wrong, `steps` the actions. `calibration` is the reference with every
+    """Holds a proposal. `values` lists what is wrong, `steps` the actions. `calibration` is the reference with every
     part of X that motion recovers; None where X is not the only thing wrong with it.
     """
 
@@ -61,12 +61,12 @@ class Proposal:
 
     @property
     def about(self) -> tuple[str, ...]:
-        """Names of the parameters that are wrong."""
+        """Returns the names of the parameters that are wrong."""
         return tuple(value.name for value in self.values)
 
     @property
     def text(self) -> str:
-        """The proposal as one English sentence of clauses."""
+        """Returns the proposal as one English sentence of clauses."""
         step_texts = {
             Step.SET_LATENCY: f"set latency_ms={self.values[0].now:.0f} in the tracker's URL and restart the service",
             Step.TAKE_X: "write it with 'probewatch calibration recover' and take it with 'probewatch calibration use'",
@@ -79,8 +79,8 @@ def propose(checks: Sequence[Check], reference: Calibration, latency_ms: float) 
     """Returns the proposal; None where motion shows no parameter to be wrong, or where the picture is mirrored or the
     tracker's field looks distorted, so that no parameter is known.
 
-    A latency is proposed alone and first: what a late tracker shows of X is wrong. `latency_ms` is the value stated in
-    the tracker's URL.
+    A latency is proposed first and alone, because what a late tracker shows of X is wrong. `latency_ms` is the value
+    stated in the tracker's URL.
     """
     wrong = {check.name: check for check in checks if check.name in MEASURED and _shown_wrong(check)}
     mirrored = any(check.fault is Fault.POLARITY and check.verdict is VerdictKind.FAULT for check in checks)
@@ -98,7 +98,7 @@ def propose(checks: Sequence[Check], reference: Calibration, latency_ms: float) 
 
 
 def proposal_fields(proposal: Proposal) -> dict[str, Any]:
-    """Returns the proposal for JSON, in English."""
+    """Returns the proposal, in English, ready for JSON."""
     return {
         "text": proposal.text,
         "values": [asdict(value) for value in proposal.values],

@@ -1,4 +1,4 @@
-"""The report on one recording, and its JSON form, which docs/replay-report.md promises to others."""
+"""Builds the report on one recording, and its JSON form, which docs/replay-report.md promises to others."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -30,14 +30,14 @@ _ROTATION, _SCALE, _OFFSET = slice(0, 3), slice(3, 5), slice(5, 8)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LineReport:
-    """What the line concludes from everything it was shown.
+    """Holds what the line concludes from everything it was shown.
 
-    unpaired: reason → number of frames without a pose. unusable: what the reader said → number of poses without a
-    number, where they were counted. latency: Check in ms, None where never estimated. estimate: X
-    as solved, None where nothing was observed. motions: registered pairs that went into it. second_opinion: by closed
-    forms, without the reference. required: names of the checks that the contact asked for. proposal: what is wrong has
-    become, None where nothing is shown to be wrong. follow: of the tissue that the estimate rests on.
-    limits: by which it was judged.
+    unpaired: reason → number of frames without a pose. unusable: reason given by the reader → number of poses without a
+    number, where they were counted. latency: Check in ms, None where never estimated. estimate: X as solved, None where
+    nothing was observed. motions: registered pairs that went into it. second_opinion: by closed forms, without the
+    reference. required: names of the checks that the contact asked for. proposal: what the wrong parameters have
+    become, None where nothing is shown to be wrong. follow: that of the tissue on which the estimate rests. limits:
+    those that were applied.
     """
 
     frames: int
@@ -58,14 +58,14 @@ class LineReport:
 
     @property
     def missing(self) -> tuple[str, ...]:
-        """Required parameters that nothing in the recording showed."""
+        """Returns the required parameters that nothing in the recording showed."""
         shown = {one.name for one in self.checks if one.verdict is VerdictKind.OK and isfinite(one.value)}
         return tuple(name for name in self.required if name not in shown)
 
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """A change to this state at t_s (seconds since the first sample of the recording)."""
+    """Represents a change to this state at t_s (seconds since the first sample of the recording)."""
 
     t_s: float
     state: State
@@ -74,13 +74,13 @@ class Change:
 
 
 def spells(changes: Sequence[Change], end_s: float) -> Iterator[tuple[Change, float]]:
-    """Each change with the time, s, until which the room was in that state; none where there was no change."""
+    """Returns each change with the time, s, until which its state lasted; nothing where there was no change."""
     ends_s = [*(change.t_s for change in changes[1:]), end_s]
     return zip(changes, ends_s[: len(changes)], strict=True)
 
 
 def report_json(report: LineReport, timeline: Sequence[Change]) -> dict[str, Any]:
-    """The public contract, version 1; what is not known is None, there is no NaN in it."""
+    """Returns the public contract, version 1. What is not known is None; there is no NaN in it."""
     return {
         "version": VERSION,
         "frames": report.frames,
@@ -162,7 +162,7 @@ def _second_opinion(opinion: SecondOpinion | None) -> dict[str, Any] | None:
 
 
 def _sigma(estimate: Calibration | None) -> dict[str, list[float | None]]:
-    """Standard deviations in the unit of the value beside them; null where a parameter was not observed."""
+    """Returns standard deviations in the unit of the value beside them; null where a parameter was not observed."""
     sigma = np.full(len(PARAMETERS), np.nan)
     if estimate is not None and estimate.covariance is not None:
         sigma = np.where(estimate.observed, np.sqrt(np.diag(estimate.covariance)), np.nan)

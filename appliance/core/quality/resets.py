@@ -1,4 +1,4 @@
-"""The table of the states of `Evidence` and what each cause does to them (docs/method.md, What resets what)."""
+"""Lists the states of `Evidence` and what each cause does to them (docs/method.md, What resets what)."""
 
 from collections.abc import Callable, Mapping
 from enum import StrEnum
@@ -6,7 +6,7 @@ from types import MappingProxyType
 
 
 class Cause(StrEnum):
-    """Why state is discarded."""
+    """Names why state is discarded."""
 
     PICTURE_CHANGED = "picture changed"
     SIGHT_LOST = "sight lost"
@@ -16,7 +16,7 @@ class Cause(StrEnum):
 
 
 class State(StrEnum):
-    """A group of values that `Evidence` keeps between pictures and always resets together."""
+    """Names a group of values that `Evidence` keeps between pictures and always resets together."""
 
     SOLVING = "solution under way"
     MOTION = "motion of the windows"
@@ -37,7 +37,7 @@ class State(StrEnum):
 
 
 class Effect(StrEnum):
-    """How a cause changes a state. CUT discards values of `since_ns` or later, or dates them before it."""
+    """Names how a cause changes a state. CUT discards values of `since_ns` or later, or dates them before it."""
 
     KEPT = "–"
     CUT = "newer"
@@ -77,7 +77,7 @@ RESETS: Mapping[State, Mapping[Cause, Effect]] = MappingProxyType(
 
 
 def reset(cause: Cause, since_ns: int, resets: Mapping[tuple[State, Effect], Reset]) -> None:
-    """Resets each state as the table has it for the cause. resets: what does it, for each effect of a state there."""
+    """Resets each state as the table has it for the cause. resets: the function for each effect on a state there."""
     for state, effects in RESETS.items():
         if effects[cause] is not Effect.KEPT:
             resets[state, effects[cause]](since_ns)

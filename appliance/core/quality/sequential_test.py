@@ -1,8 +1,10 @@
-"""One sequential test of everything that the calibration may have become, from any time of the last seconds on.
+"""Tests whether the calibration has changed, to anything and since any time of the last seconds, in one sequential
+test.
 
-For each of a few starts: how much better than the best calibration within its limits does one beyond them explain what
-picture and tracker said since then? The log of that ratio is held against a promised mean time between two false
-alarms. It only ever accuses: that all is well is shown elsewhere (docs/method.md, section 10).
+For each of a few starts it asks how much better the best calibration beyond the limits explains what picture and
+tracker have reported since then than the best one within them. The log of that ratio is compared with a threshold that
+corresponds to a promised mean time between two false alarms. The test only accuses: that all is well is shown elsewhere
+(docs/method.md, section 10).
 """
 
 from collections.abc import Mapping
@@ -39,37 +41,40 @@ from probewatch.drivers.rigid import Array
 REPORTS_FAULTS = (Fault.ROTATION, Fault.SCALE, Fault.OFFSET, Fault.LATENCY)
 
 WINDOW_NS = PRESENT_NS
-"""Age of the oldest start: as long as the window that measures. Longer finds smaller changes later, and costs time."""
+"""Age of the oldest start, ns: as long as the window that measures. Longer finds smaller changes later, and costs
+processor time."""
 _STARTS = (10, 14, 19, 26, 36, 45, 58, 76, 100)
-"""Lengths that are tested, in blocks of a tenth of a second: each about 1.3 times the one before. A change between two
-of them is found by the shorter one, later by less than that."""
+"""Lengths that are tested, in blocks of a tenth of a second; each is about 1.3 times the one before. A change between
+two of them is found by the shorter one, later by less than that."""
 _AHEAD_NATS = 5.0
-"""By how much the class that is named must explain the motion better than any other: odds of 150. Less names the wrong
-one more often, more reports two for longer. Not measured."""
+"""Evidence, nat, by which the class that is named must explain the motion better than any other: odds of 150. Less
+names the wrong class more often, more reports two for longer. Not measured."""
 _MOST_SPREAD = 4.0
-"""Mean square of what a class leaves, in that of the noise, from which it explains nothing: something else is wrong,
-and it must not be named. A window that holds the leap of a marker body has 3 to 12 (gesture, 6°)."""
+"""Mean square of the residuals of a class, relative to the noise, from which the class explains nothing: something else
+is wrong, and the class must not be named. A window that contains the jump of a marker body has 3 to 12 (gesture, 6°).
+"""
 _FREE = 1e-9
-"""Share of that prior that is left within the limits: just enough to divide by."""
+"""Share of the information of that prior that is left within the limits: just enough to divide by."""
 _UNKNOWN_BREATHING_MM2 = np.array([[LATERAL, 0.7**2], [AXIAL, 2.0**2]])
-"""Row, and variance of breathing that is reckoned with until the noise of a breath was learned: quiet breathing beside
-the liver, 4 to 6 mm from peak to peak."""
+"""Row, and the variance of breathing, mm², that is assumed until the noise of a breath has been learned: quiet
+breathing beside the liver, 4 to 6 mm from peak to peak."""
 _CLASSES: Mapping[Fault, slice] = {
     Fault.ROTATION: ROTATION, Fault.SCALE: SCALE, Fault.OFFSET: OFFSET, Fault.LATENCY: slice(TAU, TAU + 1),
 }  # fmt: skip
 _WORTH_NATS = 6.0
-"""From which a linear fit is worth a second, exact one: below WITHDRAWN_NATS by more than the second order."""
+"""Evidence, nat, from which a linear fit is worth a second, exact one: it lies below WITHDRAWN_NATS by more than the
+second order amounts to."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Accusation:
-    """since_ns: from when on. nats: by how much what is accused explains the motion better than anything within its
-    limits, below _WORTH_NATS to first order. checks: none below WITHDRAWN_NATS, which accuses of nothing; FAULTs of
-    the parameters that are surely beyond, where one class explains it; else the parameter that is farthest beyond,
-    NOT_VERIFIED, of each class that is as likely, the likeliest first. rivals: those classes, where there are two or
-    more and the likeliest explains it. A scale along an axis on which the probe has covered too little is a
-    contradiction, and neither named nor a rival: skin drags along with the probe. bent_nats: as `distortion_nats` of
-    all that was tested; None where it was not asked for as well.
+    """Holds what the test concludes. since_ns: stamp of the start. nats: by how much what is accused explains the
+    motion better than anything within its limits, below _WORTH_NATS to first order. checks: none below WITHDRAWN_NATS,
+    which accuses nothing; FAULTs of the parameters that are surely beyond, where one class explains the motion; else
+    the parameter that is farthest beyond, NOT_VERIFIED, of each class that is as likely, the likeliest first. rivals:
+    those classes, where there are two or more and the likeliest explains the motion. A scale along an axis on which the
+    probe has covered too little is a contradiction, but neither named nor a rival: skin drags along with the probe.
+    bent_nats: `distortion_nats` of all that was tested; None where it was not requested.
     """
 
     since_ns: int
@@ -80,7 +85,7 @@ class Accusation:
 
     @property
     def named(self) -> frozenset[str]:
-        """Names of the checks that are FAULTs."""
+        """Returns the names of the checks that are FAULTs."""
         return frozenset(check.name for check in self.checks if check.verdict is VerdictKind.FAULT)
 
 
@@ -93,11 +98,11 @@ def accuse(
     breathing_known: bool,
     ask_bent: bool = False,
 ) -> Steps[Accusation]:
-    """Accusation by the start from which a calibration beyond its limits explains the motion best.
+    """Returns the accusation by the start from which a calibration beyond its limits explains the motion best.
 
-    noise: learned from motion before the change, or under the calibration that the motion itself asks for. lag_s: of
-    the tracker, near which it is looked for. breathing_known: whether `noise` has seen a breath. ask_bent: whether
-    a distorted field is asked for as well.
+    noise: learned from motion before the change, or under the calibration that the motion itself calls for. lag_s: that
+    of the tracker, around which the search is centred. breathing_known: whether `noise` has seen a breath. ask_bent:
+    whether a distorted field is tested for as well.
     """
     found, bent_nats = Accusation(0, 0.0, ()), None
     try:
@@ -113,7 +118,7 @@ def accuse(
 
 
 def _likeliest(rows: Innovations, limits: Limits, lag_s: float) -> Steps[Accusation]:
-    """The likeliest accusation of all starts."""
+    """Returns the likeliest accusation of all starts."""
     starts = [n for n in sorted({min(n, len(rows)) for n in _STARTS}) if n >= _STARTS[0]]
     best: _Trial | None = None
     for n in starts:
@@ -137,7 +142,9 @@ def _with_breathing(noise: Noise) -> Noise:
 
 
 def _bounds(limits: Limits, lag_s: float) -> tuple[Array, Array]:
-    """(12,) least and most of what is within its limit; the latency counts from lag_s, any drift is."""
+    """Returns the least and most, (12,) each, of what is within its limit; the latency counts from lag_s, and no drift
+    is out of bounds.
+    """
     most = limit_of_each(limits) + BEYOND
     about = np.append(np.zeros(TAU), lag_s)
     drift = np.full(DRIFT.size, np.inf)
@@ -145,9 +152,7 @@ def _bounds(limits: Limits, lag_s: float) -> tuple[Array, Array]:
 
 
 class _Trial:
-    """Trial of the last n blocks. nats: by how much the best calibration, wherever it is, beats the best within
-    bounds.
-    """
+    """Tries the last n blocks. nats: by how much the best calibration, wherever it is, beats the best within bounds."""
 
     def __init__(self, rows: Innovations, n: int, bounds: tuple[Array, Array]) -> None:
         self.n, self._rows, self._bounds = n, rows, bounds
@@ -176,7 +181,8 @@ class _Trial:
         return exact(lambda theta: self._rows.at(theta, self.n), low, high, prior)
 
     def accusation(self, since_ns: int, limits: Limits, lag_s: float) -> Accusation:
-        """The classes that explain it, each alone, and whether one of them may be named."""
+        """Returns the accusation: the classes that alone explain the motion, or the one of them that may be named."""
+        # A class is named where it alone explains the motion, and no other class does nearly as well.
         fits = {fault: self._alone(own) for fault, own in _CLASSES.items()}
         ahead = sorted(fits, key=lambda fault: fits[fault].cost)
         first = fits[ahead[0]]
@@ -201,7 +207,7 @@ class _Trial:
         return check.least_ratio(limits.confidence_sigma) * check.limit > least
 
     def _alone(self, own: slice) -> Fit:
-        """Where only one class may be beyond its limits."""
+        """Returns the fit in which only one class may be beyond its limits."""
         low, high = (bound.copy() for bound in self._bounds)
         low[own], high[own] = -np.inf, np.inf
         prior = self._within_prior.copy()
@@ -210,7 +216,7 @@ class _Trial:
 
 
 def _checks(fit: Fit, fault: Fault, limits: Limits, lag_s: float, spread: float) -> list[Check]:
-    """Check of each parameter of a class."""
+    """Returns a check of each parameter of a class."""
     quantity = QUANTITIES[fault]
     unit, limit = quantity.unit, quantity.limit(limits)
     values = fit.theta[: TAU + 1] * PER_UNIT

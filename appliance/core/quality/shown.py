@@ -1,4 +1,4 @@
-"""Whether the present motion shows a parameter that the contact asks for, earlier motion did, or none has."""
+"""Tells apart parameters that the present motion shows, that earlier motion showed, and that none has shown."""
 
 from enum import Enum
 
@@ -7,7 +7,7 @@ from probewatch.appliance.types import Check, VerdictKind
 
 
 class Shown(Enum):
-    """The value is the word for it in JSON."""
+    """Names how a parameter is shown; the value is the word for it in JSON."""
 
     VERIFIED = "verified"
     CARRIED = "carried"

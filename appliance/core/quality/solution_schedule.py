@@ -3,26 +3,24 @@
 from probewatch.appliance.core.quality.evidence import Evidence
 
 _SOLVE_EVERY_NS = 330_000_000
-"""Between two solutions of the window. A fault is named by two in a row, so longer names it later; shorter costs the
-processor (the line's share of a picture: `make bench`).
-"""
+"""Time, ns, between two solutions of the window. Two in a row name a fault, so longer names it later; shorter costs the
+processor (the line's share of a picture: `make bench`)."""
 _SOLVE_FIRST_NS, _FIRST_NS = 200_000_000, 2_000_000_000
-"""The same while the window is so short: what is wrong from the start shows within it, and short windows cost little.
-Less has two solutions in a row share more of their noise; more names flips, lags and pose conventions later.
-"""
+"""The same, ns, while the window is shorter than the second: what is wrong from the start shows within it, and short
+windows cost little. Less makes two solutions in a row share more of their noise; more names flips, lags and pose
+conventions later."""
 _SOLVE_UNPAIRED_NS = 1_000_000_000
-"""Without poses only what leaves the window changes. When a tracker returns, all pictures that wait are settled in one
-step, and a step longer than `Timeouts.estimator_ns` is reported as a silent estimator."""
+"""The same, ns, without poses, when only what leaves the window changes it. When a tracker returns, all waiting
+pictures are settled in one step, and a step longer than `Timeouts.estimator_ns` is reported as a silent estimator."""
 _WORK_SHARE = 0.17
 """Share of the time from picture to picture that a solution under way may take, by what its pieces cost (`Cost`):
 5.7 ms of 33. More lengthens the longest pictures, less makes solutions ready later. They cost 17 ms on average, 37 at
-nine in ten, 50 with breathing (paths without pictures, one seed), so they are ready after .1 s, .2 and .3.
-"""
+nine in ten, 50 with breathing (paths without pictures, one seed), so they are ready after .1 s, .2 and .3."""
 
 
 def solve_every_ns(window_ns: int, paired: bool) -> int:
-    """Time from one solution to the next. window_ns: length of the motion that is remembered. paired: whether there is
-    a pose of the picture's time.
+    """Returns the time, ns, from one solution to the next. window_ns: length of the motion that is remembered. paired:
+    whether there is a pose for the picture's time.
     """
     if not paired:
         return _SOLVE_UNPAIRED_NS
@@ -37,8 +35,8 @@ class SolutionSchedule:
         self._picture_ns: int | None = None
 
     def step(self, evidence: Evidence, t_ns: int, paired: bool) -> int | None:
-        """Begins the next solution where it is due, and goes on with the one under way. Returns when the one began
-        that is ready with this picture; None where none is. t_ns: of the picture. paired: as `solve_every_ns` has it.
+        """Begins the next solution where it is due, and goes on with the one under way. Returns when the solution began
+        that is ready with this picture; None where none is. t_ns: that of the picture. paired: as for `solve_every_ns`.
         """
         since_ns = 0 if self._picture_ns is None else max(t_ns - self._picture_ns, 0)
         self._picture_ns = t_ns

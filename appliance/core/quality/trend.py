@@ -1,7 +1,8 @@
-"""Where a parameter is going over days: an exponentially weighted mean of its estimates with control limits. Pure.
+"""Computes the trend of a parameter over days, as an exponentially weighted mean of its estimates with control limits.
+Pure.
 
-Each estimate is of a window of its own. Their scatter about one another says more of how far to trust them than the
-sigmas that they state, as soon as there are enough of them; the larger of the two counts (docs/method.md, section 10).
+Each estimate is of a window of its own. As soon as there are enough of them, their scatter about one another says more
+about how far to trust them than the sigmas that they state; the larger of the two counts (docs/method.md, section 10).
 """
 
 from collections.abc import Sequence
@@ -13,23 +14,25 @@ import numpy as np
 from probewatch.drivers.rigid import Array
 
 _WEIGHT = 0.2
-"""Weight of the newest estimate. Less sees a slower drift and reports a step later: with .2 a shift of one sigma is
-seen after 24 estimates, of two after 5 (medians; tests/appliance/core/quality/test_trend.py)."""
+"""Weight of the newest estimate. Less sees a slower drift and reports a step later: with .2, a shift of one sigma is
+seen after 24 estimates, one of two sigmas after 5 (medians; tests/appliance/core/quality/test_trend.py)."""
 _CONTROL_SIGMAS = 3.0
-"""Multiple of the mean's own standard deviation. Of 400 steady parameters 86 left them within 400 estimates, which are
-four days (test_trend.py); fewer sigmas report earlier, more report falsely less often."""
+"""Control limits, as a multiple of the mean's own standard deviation. Of 400 steady parameters, 86 left them within 400
+estimates, which are four days (test_trend.py); fewer sigmas report earlier, more report falsely less often."""
 _BASELINE = 12
-"""Estimates that make the line that the others are compared with: an hour of scanning. Fewer make it vague, more take a
-drift into it that was there from the start."""
+"""The number of estimates that form the baseline with which the others are compared: an hour of scanning. Fewer make it
+vague; more include in it a drift that was there from the start."""
 _NEAR = 0.7
-"""Share of its limit from which a parameter is near it, as `probewatch fleet` has it."""
+"""Share of its limit from which a parameter is near it, as in `probewatch fleet`."""
 DAY_S = 86_400.0
-"""Seconds of a day."""
+"""The number of seconds in a day."""
 
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """One measurement of a parameter against the reference in force, utc_s after 1970. value, sigma: in its unit."""
+    """Holds one measurement of a parameter against the reference in force, utc_s after 1970. value, sigma: in the unit
+    of the parameter.
+    """
 
     utc_s: float
     value: float
@@ -38,11 +41,11 @@ class Estimate:
 
 @dataclass(frozen=True, slots=True)
 class Trend:
-    """Trend of one parameter under one reference.
+    """Holds the trend of one parameter under one reference.
 
     mean: weighted mean after each estimate, (n,). low, high: (n,) control limits; infinite until there is a baseline.
     per_day, per_day_sigma: slope of the estimates. days_left: until the mean may reach ± limit at the latest slope plus
-    two sigmas; inf where it goes away from it or nothing is known.
+    two sigmas; inf where it moves away from it or nothing is known.
     """
 
     estimates: tuple[Estimate, ...]
@@ -56,18 +59,18 @@ class Trend:
 
     @property
     def moving(self) -> bool:
-        """The mean has left its control limits: the parameter is not what it was."""
+        """Returns whether the mean has left its control limits: then the parameter is not what it was."""
         return bool(len(self.estimates) and not self.low[-1] <= self.mean[-1] <= self.high[-1])
 
     @property
     def near(self) -> bool:
-        """The mean is near the limit of the check."""
+        """Returns whether the mean is near the limit of the check."""
         return bool(len(self.estimates) and abs(self.mean[-1]) >= _NEAR * self.limit)
 
 
 def trend(estimates: Sequence[Estimate], limit: float) -> Trend:
-    """Returns the trend of estimates in time order; those without a value or a sigma are left out. limit: of the check,
-    same unit.
+    """Returns the trend of estimates in time order; those without a value or a sigma are left out. limit: that of the
+    check, in the unit of the estimates.
     """
     known = tuple(one for one in estimates if isfinite(one.value) and isfinite(one.sigma) and one.sigma > 0)
     values = np.array([one.value for one in known])
@@ -80,8 +83,8 @@ def trend(estimates: Sequence[Estimate], limit: float) -> Trend:
 
 
 def _baseline(values: Array, sigmas: Array) -> tuple[float, float]:
-    """Mean of the first estimates, and the standard deviation of one: the larger of stated and seen, by the differences
-    of successive ones, which a slow drift does not widen.
+    """Returns the mean of the first estimates, and the standard deviation of a single one: the larger of the stated and
+    the observed one. The latter comes from the differences of successive estimates, which a slow drift does not widen.
     """
     if not values.size:
         return 0.0, 1.0
@@ -99,7 +102,7 @@ def _weighted(values: Array, start: float) -> Array:
 
 
 def _control(count: int, scatter: float) -> Array:
-    """(count,) half widths: the mean's own variance, and that of the baseline."""
+    """Returns half widths of the limits, (count,), from the mean's own variance and that of the baseline."""
     grown = 1 - (1 - _WEIGHT) ** (2 * np.arange(1, count + 1))
     variance = scatter**2 * (_WEIGHT / (2 - _WEIGHT) * grown + 1 / _BASELINE)
     return np.asarray(_CONTROL_SIGMAS * np.sqrt(variance))
@@ -113,7 +116,7 @@ def _slope(days: Array, values: Array, scatter: float) -> tuple[float, float]:
 
 
 def _days_left(mean: float, slope: float, sigma: float, limit: float) -> float:
-    """The sooner of both limits, at a slope that is two sigmas steeper towards it."""
+    """Returns the days until the mean may reach the sooner of both limits, at a slope two sigmas steeper towards it."""
     if not isfinite(sigma):
         return inf
     up, down = slope + 2 * sigma, -slope + 2 * sigma

@@ -1,4 +1,4 @@
-"""One of two: surely wrong, and as likely the one as the other. An alarm in its own right, with both names."""
+"""Raises an alarm, with both names, where something is surely wrong and two classes explain it equally well."""
 
 from collections.abc import Set as AbstractSet
 
@@ -11,11 +11,11 @@ REPORTS_FAULTS = (Fault.UNDECIDED,)
 
 
 def undecided(found: Accusation, excused: AbstractSet[str], named_nats: float = NAMED_NATS) -> Check | None:
-    """A FAULT where nothing within the limits explains the motion, by the evidence that names a fault, and two
-    classes do as well as one another; else None.
+    """Returns a FAULT where nothing within the limits explains the motion, by the evidence that names a fault, and two
+    classes explain it equally well; else None.
 
-    excused: parameters that may look wrong for another reason; none of the two may be among them. named_nats: of that
-    evidence.
+    excused: parameters that may look wrong for another reason; neither of the two may be among them. named_nats: the
+    threshold of that evidence.
     """
     if not found.rivals or found.nats < named_nats or excused & {rival.check.name for rival in found.rivals}:
         return None
@@ -23,14 +23,16 @@ def undecided(found: Accusation, excused: AbstractSet[str], named_nats: float = 
 
 
 class Choice:
-    """check: the choice, once it has lasted; None before, and where there is none."""
+    """Withholds the check of an undecided fault until it has lasted. check: that check, once it has; None before, and
+    where nothing is undecided.
+    """
 
     def __init__(self) -> None:
         self.check: Check | None = None
         self._since_ns: int | None = None
 
     def note(self, check: Check | None, now_ns: int) -> None:
-        """What the solution at now_ns leaves open; None where it leaves nothing open."""
+        """Takes what the solution at now_ns leaves open; None where it leaves nothing open."""
         if check is None:
             self._since_ns = None
         elif self._since_ns is None:

@@ -15,17 +15,19 @@ from probewatch.appliance.limits import Limits
 from probewatch.appliance.types import PARAMETERS, Check, Rival, VerdictKind
 
 _ROOM = 0.8
-"""Share of its limit that a contradicted parameter must be shown within. More gives an OK to a fault that lies at its
-limit and wavers about it; less never gives one back to a good calibration with the sigma of an ordinary sweep, which
-is .05 to .1 of the limit (tests/appliance/core/quality/test_verification.py)."""
+"""Share of its limit within which a contradicted parameter must be shown. More gives an OK to a fault that lies at its
+limit and wavers about it; less never gives it back to a good calibration with the sigma of an ordinary sweep, which is
+.05 to .1 of the limit (tests/appliance/core/quality/test_verification.py)."""
 _AS_SHARP = 1.5
-"""Ratio of sigmas up to which a later measurement answers an unconfirmed contradiction. Windows of equal length differ
-by this much with the motion in them; a blunter one says nothing about what the sharper one saw."""
+"""Ratio of sigmas up to which a later measurement resolves an unconfirmed contradiction. Windows of equal length differ
+by this much with the motion in them; a less precise one says nothing about what the more precise one saw."""
 
 
 @dataclass(frozen=True, slots=True)
 class Contradiction:
-    """A measurement beyond its limit by its own sigmas. until_ns: newest motion in it. named: reported as a FAULT."""
+    """Holds a measurement beyond its limit by its own sigmas. until_ns: its newest motion. named: reported as a
+    FAULT.
+    """
 
     check: Check
     until_ns: int
@@ -34,10 +36,10 @@ class Contradiction:
 
 @dataclass(frozen=True, slots=True)
 class VerificationStatus:
-    """How far a calibration is verified, by everything shown so far.
+    """Holds how far a calibration is verified, by everything shown so far.
 
     `required` holds the names of the checks that must pass before the contact closes. `verified_ns` and `expires_ns`
-    are as in `Verdict`. `contradictions` holds those not yet resolved, worst first. `rivals` is as in `Verdict`, of
+    are as in `Verdict`. `contradictions` holds those not yet resolved, worst first. `rivals` is as in `Verdict`, for
     contradictions that stand. `lack` is what the pictures lack for any motion to show anything.
     """
 
@@ -50,8 +52,8 @@ class VerificationStatus:
 
 
 class Verification:
-    """Records, for each parameter, when motion last showed it and when it was last contradicted. `stationary` is how
-    long the probe has rested since then, which extends the maximum ages.
+    """Records, for each parameter, when motion last showed it and when it was last contradicted. `stationary` measures
+    how long the probe has rested since then, which extends the maximum ages.
     """
 
     def __init__(self, limits: Limits, stationary: StationaryTime) -> None:
@@ -69,11 +71,11 @@ class Verification:
         self._shown_ns.clear()
 
     def forget(self, since_ns: int) -> None:
-        """Motion at or after `since_ns` had wrong timestamps: it shows nothing."""
+        """Discards what was shown by motion at or after `since_ns`, which had wrong timestamps."""
         self._shown_ns = {name: t_ns for name, t_ns in self._shown_ns.items() if t_ns < since_ns}
 
     def predate(self, since_ns: int) -> None:
-        """Motion at or after `since_ns` had wrong timestamps: a contradiction by it counts as one of just before."""
+        """Dates contradictions by motion at or after `since_ns`, which had wrong timestamps, to just before it."""
         self._contradictions = {
             name: replace(contradiction, until_ns=min(contradiction.until_ns, since_ns - 1))
             for name, contradiction in self._contradictions.items()
@@ -81,12 +83,12 @@ class Verification:
 
     @property
     def contradictions(self) -> tuple[Contradiction, ...]:
-        """The contradictions not yet resolved, worst first."""
+        """Returns the contradictions not yet resolved, worst first."""
         return tuple(sorted(self._contradictions.values(), key=lambda contradiction: -contradiction.check.ratio))
 
     @property
     def doubted(self) -> bool:
-        """Whether a contradiction stands, other than one that may be a breath, which only a long window can resolve."""
+        """Returns whether a contradiction stands, unless it may be a breath, which only a long window can resolve."""
         return any(one.named or name not in BREATHED for name, one in self._contradictions.items())
 
     def rested_ns(self, name: str) -> int:
@@ -98,13 +100,13 @@ class Verification:
 
     @property
     def rivals(self) -> tuple[Rival, ...]:
-        """The candidates accused last, as long as a contradiction of each stands and none of them is named."""
+        """Returns the candidates accused last, as long as a contradiction of each stands and none of them is named."""
         unnamed = {name for name, contradiction in self._contradictions.items() if not contradiction.named}
         return self._rivals if unnamed.issuperset(rival.check.name for rival in self._rivals) else ()
 
     @property
     def last_contradiction_ns(self) -> int:
-        """The newest motion of any contradiction that stands; 0 without one."""
+        """Returns the newest motion of any contradiction that stands; 0 without one."""
         return max((contradiction.until_ns for contradiction in self._contradictions.values()), default=0)
 
     @property
@@ -120,8 +122,8 @@ class Verification:
         return VerificationStatus(required, min(self._shown_ns[name] for name in required), min(own_ns, default=None))
 
     def contradict(self, checks: Iterable[Check], named: frozenset[str], until_ns: int) -> None:
-        """Takes the contradictions among the checks, from motion up to `until_ns`. `named` holds those reported as
-        FAULT.
+        """Takes the contradictions among the checks, from motion up to `until_ns`. `named` holds those that are
+        reported as FAULT.
         """
         for check in checks:
             if self._beyond(check):
@@ -165,9 +167,7 @@ class Verification:
         self._shown_ns.pop(check.name, None)
 
     def _beyond(self, check: Check) -> bool:
-        """Whether the value is beyond its limit by its own sigmas, also where naming it waits until the latency is
-        known.
-        """
+        """Returns whether the value is beyond its limit by its own sigmas, even if its name waits for the latency."""
         surely = check.name in PARAMETERS and check.least_ratio(self._confidence_sigma) > 1
         return surely or check.verdict is VerdictKind.FAULT
 
@@ -183,8 +183,8 @@ class Verification:
         return replace(check, verdict=verdict, shown_ns=self._shown_ns.get(check.name))
 
     def _resolved(self, check: Check, contradiction: Contradiction, since_ns: int) -> bool:
-        """Whether motion wholly after the contradiction resolves it: it shows the parameter with margin, or, for a
-        contradiction that was never confirmed, measures it as accurately and within its limit.
+        """Returns whether motion wholly after the contradiction resolves it: it shows the parameter with margin, or,
+        for a contradiction that was never confirmed, measures it as precisely and within its limit.
         """
         if since_ns <= contradiction.until_ns or not isfinite(check.value):
             return False

@@ -13,7 +13,9 @@ from probewatch.appliance.types import Calibration, Check
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WholeSession:
-    """window: all motion that is kept. valid_ns: time of the last change. about_s: latency around which is searched."""
+    """Holds a session to be examined. window: all motion that is kept. valid_ns: time of the last change. about_s:
+    latency around which the search is centred.
+    """
 
     window: PathWindow
     reference: Calibration
@@ -26,7 +28,7 @@ class WholeSession:
         return examine(self.window.since(self.valid_ns), self.reference, self.limits, about_s=self.about_s)
 
     def constant_latency(self) -> Check:
-        """The tracker's latency from all motion, under the assumption that it has not changed."""
+        """Returns the tracker's latency from all motion, under the assumption that it has not changed."""
         return latency_of(examine(self.window, self.reference, self.limits, about_s=self.about_s))
 
     def with_sharper_latency(self, checks: tuple[Check, ...]) -> tuple[Check, ...]:
@@ -35,7 +37,7 @@ class WholeSession:
         return tuple(_sharper_check(check, latency) if check.name == latency.name else check for check in checks)
 
     def second_opinion(self) -> SecondOpinion | None:
-        """The closed-form estimate from the motion since the last change."""
+        """Returns the closed-form estimate from the motion since the last change."""
         window = self.window.since(self.valid_ns)
         latency = window.latency(self.about_s)
         samples = window.samples(0.0 if latency is None else latency.value_s)
@@ -45,8 +47,8 @@ class WholeSession:
 def whole_session(
     window: PathWindow, reference: Calibration, limits: Limits, valid_ns: int, explained_s: float
 ) -> WholeSession:
-    """Returns the session; its latency is searched around the one that explains its latest motion, or else around one
-    beyond its limit that all of it shows. explained_s: the former, 0 where none is known.
+    """Returns the session. Its latency is searched for around the one that explains its latest motion, or else around
+    one beyond its limit that all of it shows. explained_s: the former, 0 where none is known.
     """
     far = None if explained_s else window.far_latency()
     within = far is not None and abs(far.value_s) * 1e3 <= limits.latency_ms
