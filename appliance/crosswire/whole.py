@@ -368,7 +368,7 @@ def _stated(
         covariance=eight,
         observed=observed,
     )
-    own = np.einsum("nii->i", scene.spot) / len(scene.spot) * guess.scale_mm_per_px**2
+    own = np.einsum("nii->i", scene.spot[kept]) / kept.sum() * guess.scale_mm_per_px**2
     scatter_mm = np.sqrt(np.square(noise.all_mm) + np.array([*(noise.trust * own), 0.0]))
     turn, move = scene.late(guess.latency_s)
     in_picture = np.column_stack([scene.place_px * guess.scale_mm_per_px, np.zeros(len(turn))])

@@ -10,6 +10,7 @@ from probewatch.appliance.core.parameters import LEFT_OUT, MEASURED
 from probewatch.appliance.core.quality.examination import Finding
 from probewatch.appliance.core.quality.point_error import Bounds, Change, Places, bounds_at, change_of, slope_of_places
 from probewatch.appliance.core.quality.verification import VerificationStatus
+from probewatch.appliance.core.times import MOST_APART_NS
 from probewatch.appliance.limits import GESTURE_AGE_S, Limits
 from probewatch.appliance.types import PARAMETERS, Calibration, Check, Fault, PointError
 from probewatch.drivers.rigid import Array, inverse, rigid
@@ -18,8 +19,9 @@ from probewatch.drivers.samples import Matrix4
 _OVER_NS = 100_000_000
 """Time, ns, over which the speed is measured: with .1 mm of noise it is known to 1.4 mm/s. A longer time shows a jerk
 late and only in part; a shorter one takes the tracker's noise for speed."""
-_KNOWN_NS = 300_000_000
-"""Time, ns, for which a speed stands without a pose, as long as poses are bridged. Longer shows an outdated speed."""
+_KNOWN_NS = MOST_APART_NS
+"""Time, ns, for which a speed stands without a pose: as long as pictures get a pose between two. Longer shows an
+outdated speed."""
 _ELSE, _ELSE_SHOWN = 3.0, 2.0
 """Standard deviations of the difference by which newer motion may differ from what is kept: in general, and where the
 newer motion shows everything itself, so that it can take the place of what is kept. More keeps what has changed since;
