@@ -1,8 +1,8 @@
-"""The interface for programs of your own: arrays of pictures and poses in, a verdict for each picture out;
+"""Provides the interface for programs of your own: arrays of pictures and poses in, a verdict for each picture out;
 docs/python.md shows it.
 
-Pure, as the core is: no clock, thread, file or device. What is given runs through the same line and supervisor as on a
-cart, so that `probewatch replay` of a recording with the same content says the same.
+Pure, as the core is: no clock, thread, file or device. The arrays run through the same line and supervisor as on a
+cart, so that `probewatch replay` of a recording with the same content reports the same.
 """
 
 from collections.abc import Iterator
@@ -29,20 +29,22 @@ from probewatch.drivers.video.crop import LEAST_PX
 _STAMP_ERR_NS = 500
 """Error bound, ns, of a time in seconds with six decimals, as recordings write it."""
 _LATEST_S = 4e9
-"""s since 1970, beyond the year 2090; in ns it fits 64 bits. A larger time is one in ms."""
+"""Latest time, s since 1970, beyond the year 2090; in ns it fits 64 bits. A larger time is one in ms."""
 
 _MOST_SHOWN = 60
-"""Characters of an argument that a message repeats. More hides what is wrong, less cuts off a pair of numbers."""
+"""Largest number of characters of an argument that a message repeats. More hides what is wrong, less cuts off a pair of
+numbers.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Judged:
-    """The verdicts, states and report of one session.
+    """Holds the verdicts, states and report of one session.
 
     verdicts: one for each picture that was settled, in order; a picture at the end waits for the pose after it, and has
-    none. times_s: (len(verdicts),) for which each holds: that of its picture, or of the one before where its own leaps
-    by more than 2 s. changes: from when on a room would have been shown what; their t_s counts from the first picture
-    or pose. report: of the whole session, as `probewatch replay`.
+    none. times_s: (len(verdicts),) time for which each holds: that of its picture, or of the one before where its own
+    leaps by more than 2 s. changes: from when on a room would have been shown what; their t_s counts from the first
+    picture or pose. report: that of the whole session, as of `probewatch replay`.
     """
 
     times_s: NDArray[np.float64]
@@ -51,15 +53,15 @@ class Judged:
     report: LineReport
 
     def fields(self) -> dict[str, Any]:
-        """The report as docs/replay-report.md has it, for `json.dumps`."""
+        """Returns the report as docs/replay-report.md has it, for `json.dumps`."""
         return report_json(self.report, self.changes)
 
 
 def reference(image_to_probe: ArrayLike, image_size_px: tuple[int, int]) -> Calibration:
-    """The calibration that is watched, of a (4, 4) matrix from pixels to mm in the frame of the marker body.
+    """Makes the calibration that is watched from a (4, 4) matrix from pixels to mm in the frame of the marker body.
 
-    image_size_px: (width, height) of the pictures. Raises ConfigurationError for a matrix that is not
-    scale · rotation, RecordingError for one of another shape, and for what is no size.
+    image_size_px: (width, height) of the pictures. Raises ConfigurationError for a matrix that is not scale · rotation,
+    RecordingError for one of another shape, and for what is no size.
     """
     matrix = _numbers("image_to_probe", image_to_probe)
     if matrix.shape != (4, 4):
@@ -79,12 +81,13 @@ def judge(
     watched: Calibration,
     limits: Limits | None = None,
 ) -> Judged:
-    """Run a session through line and supervisor, and say what a cart would have said at each picture.
+    """Runs a session through line and supervisor, and returns what a cart would have reported at each picture.
 
     pictures: (n, height, width) uint8, grey; row 0 nearest the probe's face, column 0 on its marked side.
     picture_times_s: (n,), s, each later than the one before. poses: (m, 4, 4) marker body → tracker or reference tool,
-    mm; a matrix of NaN where the body was not seen. pose_times_s: (m,), s, by the same clock.
-    limits: what a cart's configuration would say; None for those that probewatch ships with.
+    mm; a matrix of NaN where the body was not seen. pose_times_s: (m,), s, by the same clock. limits: what a cart's
+    configuration would set; None for those that probewatch ships with.
+
     Raises RecordingError where an array is not of this shape, type or unit. One pose that is not rigid is not used,
     which the report counts.
     """
@@ -159,7 +162,7 @@ def _checked_poses(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _checked_times(name: str, times_s: ArrayLike, number: int) -> list[int]:
-    """ns, for each of so many pictures or poses."""
+    """Returns the times in ns, one for each of `number` pictures or poses."""
     times = _numbers(name, times_s)
     if times.shape != (number,):
         raise _refused(name, f"has shape {times.shape}, not ({number},)", "Give one time for each")
@@ -177,12 +180,14 @@ def _checked_times(name: str, times_s: ArrayLike, number: int) -> list[int]:
 
 
 def _likely_unit(step: float) -> str:
-    """The unit in which a step from one time to the next, of some 1 to 100 Hz, would be that long."""
+    """Returns the unit in which a step from one time to the next, of some 1 to 100 Hz, would be that long, and its
+    divisor.
+    """
     return "ms by 1000" if step < 1e4 else "µs by 1e6" if step < 5e6 else "ns by 1e9"
 
 
 def _array(name: str, value: object) -> NDArray[Any]:
-    """Raises RecordingError where lists are of several lengths, or nest too deep."""
+    """Returns the value as an array. Raises RecordingError where lists are of several lengths, or nest too deep."""
     try:
         return np.asarray(value)
     except (TypeError, ValueError):
@@ -191,7 +196,7 @@ def _array(name: str, value: object) -> NDArray[Any]:
 
 
 def _numbers(name: str, value: object) -> NDArray[np.float64]:
-    """Raises RecordingError for what is not made of real numbers."""
+    """Returns the value as an array of floats. Raises RecordingError for what is not made of real numbers."""
     array = _array(name, value)
     if array.dtype.kind not in "iuf":
         remedy = "Give numbers alone; a pose that was not seen is NaN in all 16 places"

@@ -1,4 +1,4 @@
-"""The bounds of the checks. One place; the configuration file overrides them within the stated ranges."""
+"""Defines the bounds of the checks, in one place; the configuration file overrides them within the stated ranges."""
 
 from collections.abc import Mapping
 from math import log
@@ -12,32 +12,39 @@ from probewatch.drivers.errors import ConfigurationError
 from probewatch.drivers.suggestion import did_you_mean, suggested
 
 TRACKER_STALE_MS = 500.0
-"""For which a tracker may repeat one measurement where the configuration (supervisor.tracker_stale_ms) does not say.
-More verifies against old poses for longer; less takes the pauses of a slow tracker for a standstill. Not measured.
+"""Time, ms, for which a tracker may repeat one measurement where the configuration (supervisor.tracker_stale_ms) sets
+none. More verifies against old poses for longer; less takes the pauses of a slow tracker for a standstill. Not
+measured.
 """
 FALSE_ALARM_H = 1000.0
-"""Mean time between two false FAULTs of the sequential test that is promised: a cart's year of scanning or so. Twice as
-much names everything .7 nats later. docs/evidence.md has the hours of healthy scanning that were run.
+"""Mean time, h, between two false FAULTs of the sequential test that is promised: a cart's year of scanning or so.
+Twice as much names everything .7 nats later. docs/evidence.md has the hours of healthy scanning that were run.
 """
 NAMED_NATS = log(FALSE_ALARM_H * 3600 * 30)
-"""18.5: log likelihood ratio of a FAULT. By Ville's inequality a true likelihood ratio passes it once in so many
-pictures; the sup over sizes costs a few nats of that and a look at each tenth picture gives two back."""
+"""Log likelihood ratio of a FAULT, 18.5. By Ville's inequality a true likelihood ratio passes it once in that many
+pictures; the sup over sizes costs a few nats of that, and looking only at each tenth picture gives two back.
+"""
 WITHDRAWN_NATS = 10.0
-"""The same of a contradiction, which withdraws the OK and names nothing: once in hours of motion at the limit itself.
-Less opens the contact for nothing, more keeps it closed for longer over what will be named."""
+"""Log likelihood ratio of a contradiction, which withdraws the OK and names nothing: it is passed once in hours of
+motion at the limit itself. Less opens the contact for nothing, more keeps it closed for longer over what will be named.
+"""
 MOST_NAMED_NATS = 2 * NAMED_NATS
-"""37.0: to which healthy scanning may raise it. From there a change takes twice as long to be named, and scanning that
-comes near it is not what the model of the noise describes, so that no threshold keeps a promise."""
+"""Largest log likelihood ratio of a FAULT to which healthy scanning may raise it, 37.0. From there a change takes twice
+as long to be named, and scanning that comes near it is not what the model of the noise describes, so that no threshold
+keeps a promise.
+"""
 
 
 def check_name(field: str) -> str:
-    """Checks have hyphens in their names, as in the JSON reports; so have their keys in the configuration file."""
+    """Returns the name of a check, which has hyphens, as in the JSON reports; so has its key in the
+    configuration file.
+    """
     return field.replace("_", "-")
 
 
 class _Told(type(BaseModel)):  # type: ignore[misc]
-    """Tells a program that makes limits of its own what is wrong, as ConfigurationError. The mistakes of a file, which
-    pydantic reads without a call, are told by the file's reader, with their lines.
+    """Raises ConfigurationError, with what is wrong, where a program passes wrong limits of its own. The mistakes of a
+    file, which pydantic reads without a call, are reported by the file's reader, with their lines.
     """
 
     def __call__(cls, *args: Any, **given: Any) -> Any:
@@ -61,29 +68,32 @@ def _mistake(item: ErrorDetails, known: list[str]) -> str:
 
 
 SWEPT_AGE_S = 30.0
-"""For which what ordinary sweeps show counts: as long as the longest window that measures, so that a sweep keeps the
-contact closed (docs/coverage.md). Less opens it in quiet scanning, more trusts what motion showed once for longer.
+"""Time, s, for which what ordinary sweeps show counts: as long as the longest window that measures, so that a sweep
+keeps the contact closed (docs/coverage.md). Less opens it in quiet scanning, more trusts what motion showed once for
+longer.
 """
 MAX_VERIFICATION_AGE_S = 120.0
-"""For which a verification lasts at most, whatever else allows. More trusts what motion showed for longer, less asks
-for motion amid a puncture."""
+"""Longest time, s, for which a verification lasts, whatever else allows. More trusts what motion showed for longer,
+less asks for motion amid a puncture.
+"""
 GESTURE_AGE_S = MAX_VERIFICATION_AGE_S
-"""For which the offsets count, which only rocking and twisting show: a gesture, then two minutes of scanning
+"""Time, s, for which the offsets count, which only rocking and twisting show: a gesture, then two minutes of scanning
 (docs/gesture.md has what other ages give). Less asks for the gesture more often; more leaves a marker body that slid,
 slower than the slip watch finds, unreported for longer.
 """
 AT_REST_S = MAX_VERIFICATION_AGE_S - SWEPT_AGE_S
-"""How much longer both count while the probe is held still: what sweeps show then reaches the longest age. Less asks
-for motion amid a puncture; more does nothing unless that one is raised as well, and then trusts what a rest can see
-(appliance.core.quality.stationary_time) for longer."""
+"""Time, s, by which both count longer while the probe is held still: what sweeps show then reaches the longest age.
+Less asks for motion amid a puncture; more does nothing unless that age is raised as well, and then trusts what a rest
+can see (appliance.core.quality.stationary_time) for longer.
+"""
 
 
 class RequiredAges(BaseModel, metaclass=_Told):
-    """How old, s, the motion may be that showed each parameter, never older than max_verification_age_s; None: as old
-    as that; 0: the contact does not ask for it.
+    """Holds how old, s, the motion may be that showed each parameter, never older than max_verification_age_s; None: as
+    old as that; 0: the contact does not require the parameter.
 
-    All ten are asked for by default: each can be spoiled by a wrong or bent marker body, a depth setting or a cable. A
-    contradiction of a parameter that is not asked for opens the contact all the same. A longer age closes the contact
+    All ten are required by default: each can be spoiled by a wrong or bent marker body, a depth setting or a cable. A
+    contradiction of a parameter that is not required opens the contact all the same. A longer age closes the contact
     for longer on what motion showed once; a shorter one asks for that motion more often.
     """
 
@@ -108,18 +118,18 @@ class RequiredAges(BaseModel, metaclass=_Told):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Parameters that the contact asks for."""
+        """Returns the parameters that the contact requires."""
         return tuple(self.ages_s)
 
     @property
     def ages_s(self) -> dict[str, float | None]:
-        """Age of each parameter that is asked for, by the name of its check."""
+        """Returns the age of each parameter that is required, by the name of its check."""
         return {check_name(name): age_s for name, age_s in self if age_s != 0}
 
 
 class Region(BaseModel, metaclass=_Told):
-    """The part of the picture in which the error of a point counts, as shares of its width and height from the upper
-    left corner. By default all of it, which holds every sector.
+    """Holds the part of the picture in which the error of a point counts, as shares of its width and height from the
+    upper left corner. By default it is all of the picture, which holds every sector.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
@@ -148,18 +158,19 @@ PROFILES: Mapping[Profile, Mapping[str, float]] = MappingProxyType(
         ),
     }
 )
-"""deg, %, mm, ms, mm by the fields of Limits; coarse has their defaults. Tighter ones allow less error in the picture,
-and keep the contact open for longer: docs/profiles.md has what each costs, measured on simulated carts. The figures
-were asked for by those who navigate, not derived."""
+"""Limits of each profile, deg, %, mm, ms, mm, by the fields of Limits; coarse has their defaults. Tighter ones allow
+less error in the picture, and keep the contact open for longer: docs/profiles.md has what each costs, measured on
+simulated carts. The figures were asked for by those who navigate, not derived.
+"""
 _MEANING = ("rotation_deg", "scale_percent", "offset_mm", "latency_ms", "point_mm", "confidence_sigma", "at_rest_s")
-"""Numbers on which it depends what an OK of a profile says; `region` and `required_age_s` do so as well."""
+"""Numbers that determine what an OK of a profile means; `region` and `required_age_s` do so as well."""
 
 
 class Limits(BaseModel, metaclass=_Told):
-    """Deviation from the reference calibration at which a check fails, and how sure it must be.
+    """Holds the deviations from the reference calibration at which checks fail, and how certain those must be.
 
-    profile: whose limits those are that are not given. A limit that is given counts instead of the profile's, also
-    where it is looser; see `beside_profile`.
+    profile: the one whose values apply to limits that are not given. A limit that is given counts instead of the
+    profile's, also where it is looser; see `beside_profile`.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
@@ -194,7 +205,7 @@ class Limits(BaseModel, metaclass=_Told):
     @model_validator(mode="before")
     @classmethod
     def _of_profile(cls, given: Any) -> Any:
-        """The limits with what the profile says of those that are not given."""
+        """Returns the limits with those of the profile where none are given."""
         if not isinstance(given, dict):
             return given
         own = next((limits for name, limits in PROFILES.items() if name == given.get("profile")), {})
@@ -202,7 +213,7 @@ class Limits(BaseModel, metaclass=_Told):
 
     @property
     def beside_profile(self) -> dict[str, Any]:
-        """Limits that differ from the profile's and change what an OK means: field → value in force."""
+        """Returns the limits that differ from the profile's and change what an OK means: field → value in force."""
         own = Limits(profile=self.profile)
         names = (*_MEANING, "region", "required_age_s")
         return {name: getattr(self, name) for name in names if getattr(self, name) != getattr(own, name)}

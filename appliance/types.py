@@ -1,8 +1,8 @@
-"""Values that flow along the line. Frozen; shapes and units are stated here once.
+"""Defines the values that flow along the line. They are frozen; shapes and units are stated here once.
 
-Conventions (Boctor et al. 2005, Eq. 1, with its misprints mended): picture frame P has x lateral (columns), y axial
+Conventions (Boctor et al. 2005, Eq. 1, with its misprints corrected): picture frame P has x lateral (columns), y axial
 (rows, down), z = x × y elevational, origin at the image centre, mm. Sensor frame R is the marker body. X maps R to P:
-p_P = R_x p_R + t_x. B = B_2⁻¹ B_1 is the motion the tracker saw; A = X B X⁻¹ moves a static tissue point in the
+p_P = R_x p_R + t_x. B = B_2⁻¹ B_1 is the motion that the tracker saw; A = X B X⁻¹ moves a static tissue point in the
 picture, p_2 = A p_1; in the plane A is (u, α) and t_a = Λ u.
 """
 
@@ -36,9 +36,9 @@ Rotations are rad about the picture axes (R_x = exp([δ]×) R_ref), scales relat
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StampedPair:
-    """A frame and the pose interpolated to the frame's own time from the two poses that bracket it.
+    """Holds a frame and the pose interpolated to the frame's own time from the two poses that bracket it.
 
-    matrix: (4, 4) sensor → tracker, mm. gap_ns: distance between the bracketing poses.
+    matrix: (4, 4) sensor → tracker, mm. gap_ns: time between the bracketing poses.
     """
 
     stamp: Stamp
@@ -48,7 +48,7 @@ class StampedPair:
 
 
 class MotionKind(Enum):
-    """How the probe moved between keyframe and frame; decides which parameters the motion can reveal."""
+    """States how the probe moved between keyframe and frame, which decides which parameters the motion can reveal."""
 
     STILL = "still"
     TRANSLATION = "in-plane translation"
@@ -59,17 +59,18 @@ class MotionKind(Enum):
 
 
 DRAGS, PRESSES = 1, 2
-"""What tissue may do beside moving as if it were rigid, as bits: its skin drags along with the face; it follows a face
-that presses."""
+"""Bits for what tissue may do besides moving as if it were rigid: its skin drags along with the face; it follows a face
+that presses.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TissuePath:
-    """Path since the chain's first picture by what tissue may do.
+    """Holds the path since the chain's first picture, by what tissue may do.
 
-    path_px: (4, 2), path_rad: (4,), as of `Motion`, by the bits `DRAGS` and `PRESSES`. drag_px: (4,) lateral way of the
-    skin against what lies deep. tilt_rad: turn by ∂u_y/∂x, which tissue that follows the face shows in part.
-    clear_share: of the picture, in which tissue is seen.
+    path_px: (4, 2), path_rad: (4,), as of `Motion`, indexed by the bits `DRAGS` and `PRESSES`. drag_px: (4,) lateral
+    displacement of the skin against deep tissue. tilt_rad: turn by ∂u_y/∂x, which tissue that follows the face shows in
+    part. clear_share: share of the picture in which tissue is seen.
     """
 
     path_px: Vector
@@ -81,14 +82,14 @@ class TissuePath:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
-    """One registered picture: A since the keyframe, and the path it continues.
+    """Holds one registered picture: A since the keyframe, and the path that it continues.
 
-    stamp, sequence: of this picture. keyframe: sequence number of the earlier one; their difference is the step d.
-    u_px: (2,) (column, row) displacement of the tissue at the image centre, px. alpha_rad: in-plane rotation.
-    covariance: (3, 3) of (u_x px, u_y px, α rad). correlation: of the registered pictures, -1 … 1.
-    chain: number of the unbroken chain of keyframes; path_px, path_rad: (u, α) since the chain's first picture.
-    usable: False where the solver must not see it; reason says why. tissue: the path by what tissue may do,
-    None where it is known to be rigid.
+    stamp, sequence: those of this picture. keyframe: sequence number of the earlier one; their difference is the step
+    d. u_px: (2,) (column, row) displacement of the tissue at the image centre, px. alpha_rad: in-plane rotation.
+    covariance: (3, 3) of (u_x px, u_y px, α rad). correlation: that of the registered pictures, -1 … 1. chain: number
+    of the unbroken chain of keyframes; path_px, path_rad: (u, α) since the chain's first picture. usable: False where
+    the solver must not see it; reason says why. tissue: the path by what tissue may do, None where it is known to be
+    rigid.
     """
 
     stamp: Stamp
@@ -109,13 +110,13 @@ class Motion:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Calibration:
-    """X and the picture scales.
+    """Holds X and the picture scales.
 
-    rotation: (3, 3) proper, R_x sensor → picture. polarity: ±1 for (lateral, axial).
-    scale_mm_per_px: (2,) lateral, axial, > 0. offset_mm: (3,) t_x. image_size_px: (width, height) the origin refers to.
-    covariance: (8, 8) in the order and units of PARAMETERS, None where unknown. observed: (8,) bool.
-    simulated: made of simulated pictures or poses, so that it is the calibration of no real probe. face_radius_mm: of
-    the arc at which a convex picture begins; None where it is not known, or the face is flat.
+    rotation: (3, 3) proper, R_x sensor → picture. polarity: ±1 for (lateral, axial). scale_mm_per_px: (2,) lateral,
+    axial, > 0. offset_mm: (3,) t_x. image_size_px: (width, height) to which the origin refers. covariance: (8, 8) in
+    the order and units of PARAMETERS, None where unknown. observed: (8,) bool. simulated: made from simulated pictures
+    or poses, so that it is the calibration of no real probe. face_radius_mm: radius of the arc at which a convex
+    picture begins; None where it is not known, or the face is flat.
     """
 
     rotation: Vector
@@ -130,11 +131,13 @@ class Calibration:
 
     @property
     def face_mm(self) -> Vector:
-        """(3,) middle of the probe's face in the axes of the picture, from the picture's middle."""
+        """Returns the middle of the probe's face, (3,) mm, in the axes of the picture, from the picture's middle."""
         return np.array([0.0, -self.polarity[1] * self.image_size_px[1] / 2 * self.scale_mm_per_px[1], 0.0])
 
     def changed(self, change: Vector) -> Self:
-        """The calibration with its parameters changed. change: the first eight in the order and units of PARAMETERS."""
+        """Returns the calibration with its parameters changed. change: the first eight in the order and units of
+        PARAMETERS.
+        """
         return replace(
             self,
             rotation=rotation_from_vector(change[:3]) @ self.rotation,
@@ -144,7 +147,7 @@ class Calibration:
 
 
 class Kind(Enum):
-    """What sort of thing is wrong; what it leads to is the policy (`appliance.supervision.policy`).
+    """States what sort of thing is wrong; what it leads to is the policy (`appliance.supervision.policy`).
 
     CALIBRATION: what the line measures against the reference. DEVICE: scanner, tracker or output. INTERNAL: a part of
     probewatch itself. INTEGRITY: what was written down is damaged. SIGHT: there is nothing to compare, as whenever the
@@ -160,8 +163,8 @@ class Kind(Enum):
 
 
 class Fault(StrEnum):
-    """What may be wrong, in the words of the JSON reports and of the alarm log; docs/alarms.md says what each asks of
-    the people in the room. AGREEMENT is a fact beside the others: its check never fails.
+    """Names what may be wrong, in the words of the JSON reports and of the alarm log; docs/alarms.md has what each asks
+    of the people in the room. AGREEMENT is not a fault but a fact reported with them: its check never fails.
 
     kind: what sort of thing it is.
     """
@@ -169,7 +172,7 @@ class Fault(StrEnum):
     kind: Kind
 
     def __new__(cls, value: str, kind: Kind | None = None) -> Self:
-        """Make a member, which says its kind; Fault("scale") finds one that is there."""
+        """Makes a member that has its kind; Fault("scale") finds one that is there."""
         assert kind is not None
         member = str.__new__(cls, value)
         member._value_, member.kind = value, kind
@@ -207,7 +210,7 @@ class Fault(StrEnum):
 
 
 class VerdictKind(Enum):
-    """OK: verified within the limits. FAULT: shown to be outside. NOT_VERIFIED: neither was shown."""
+    """States what was shown. OK: verified within the limits. FAULT: outside the limits. NOT_VERIFIED: neither."""
 
     OK = "OK"
     FAULT = "FAULT"
@@ -216,13 +219,12 @@ class VerdictKind(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One quantity against its limit. ratio = |value| ÷ limit: 1.0 is the limit for every check alike.
+    """Compares one quantity with its limit. ratio = |value| ÷ limit: 1.0 is the limit for every check alike.
 
-    fault: class this check names when it fails.
-    sigma: standard deviation of value, same unit; 0 for exact facts. value is NaN where nothing was observed.
-    shown_ns: time of the motion by which the quantity was last shown to be OK, or rests on, dated as in
-    appliance.core.path.solver.Solution; None where there is none. rested_ns: for how long since then the probe has
-    rested, which no age limit counts.
+    fault: class that this check names when it fails. sigma: standard deviation of value, same unit; 0 for exact facts.
+    value is NaN where nothing was observed. shown_ns: time of the motion by which the quantity was last shown to be OK,
+    or on which it rests, dated as in appliance.core.path.solver.Solution; None where there is none. rested_ns: for how
+    long since then the probe has rested, which no age limit counts.
     """
 
     name: str
@@ -237,20 +239,22 @@ class Check:
 
     @property
     def ratio(self) -> float:
-        """|value| ÷ limit; NaN where nothing was observed."""
+        """Returns |value| ÷ limit; NaN where nothing was observed."""
         return abs(self.value) / self.limit
 
     def least_ratio(self, sigmas: float) -> float:
-        """The same with so many sigmas as room: above 1 it is surely beyond; NaN where nothing was observed."""
+        """Returns the ratio with this many sigmas as room: above 1 it is surely beyond; NaN where nothing was
+        observed.
+        """
         return (abs(self.value) - sigmas * self.sigma) / self.limit
 
 
 @dataclass(frozen=True, slots=True)
 class Rival:
-    """One of the classes that explain what contradicts the calibration about as well as another.
+    """Represents one of the classes that explain what contradicts the calibration about as well as another.
 
-    check: of its parameter that is farthest beyond, were it this class alone. behind_nats: log likelihood by which it
-    explains less than the likeliest of them, whose own is 0.
+    check: that of its parameter that is farthest beyond, were it this class alone. behind_nats: log likelihood by which
+    it explains less than the likeliest of them, whose own is 0.
     """
 
     check: Check
@@ -258,21 +262,22 @@ class Rival:
 
 
 POINT_ACROSS = 5
-"""Places in each row and column of the region of a point. The worst is at a corner (test_point_error.py), so more only
-make the median smoother, by 1 % or so, and cost time."""
+"""Number of places in each row and column of the region of a point. The worst is at a corner (test_point_error.py), so
+more only make the median smoother, by 1 % or so, and cost time.
+"""
 POINT_LEVELS = (0.95, 0.997)
 """Shares of what is left open for which the two bounds of a point hold: two and three sigmas, as people are used to."""
 
 
 @dataclass(frozen=True, slots=True)
 class PointError:
-    """How far what the picture shows at a place may be from where the reference puts it in the room, mm.
+    """Holds how far what the picture shows at a place may be from where the reference puts it in the room, mm.
 
-    Each bound is given twice, for each of `POINT_LEVELS` of what the motion leaves open. worst_mm, median_mm: over
-    the region of the picture. depth_mm, at_depth_mm: a depth that a person named, from the top of the picture, and the
-    worst there; None where none was named. shown_ns: time of the oldest motion that the bounds rest on. region_mm: the
-    wider bound at `POINT_ACROSS` rows of as many places of the region, its edges among them, from its upper left
-    corner; empty in black boxes of before.
+    Each bound is given twice, for each of `POINT_LEVELS` of what the motion leaves open. worst_mm, median_mm: those
+    over the region of the picture. depth_mm, at_depth_mm: a depth that a person named, from the top of the picture, and
+    the worst there; None where none was named. shown_ns: time of the oldest motion on which the bounds rest. region_mm:
+    the wider bound at `POINT_ACROSS` rows of as many places of the region, its edges among them, from its upper left
+    corner; empty in older black boxes.
     """
 
     worst_mm: tuple[float, float]
@@ -285,14 +290,14 @@ class PointError:
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """What the line concludes at one time. fault: class of the worst failing check, None unless kind is FAULT.
+    """Holds what the line concludes at one time.
 
-    t_ns: sample time it holds for. reason: one sentence for the operator.
-    verified_ns: the oldest of the times at which motion last showed a required parameter; None where one was never
-    shown or has been contradicted since. Only new motion makes it younger, whatever the time of the verdict.
-    expires_ns: when the first of them exceeds an age limit of its own, which a rest extends; None where none has one.
-    rivals: what may be wrong where motion so far does not show which, the likeliest first; never one alone.
-    point: the error of a point, None where it is not known.
+    fault: class of the worst failing check, None unless kind is FAULT. t_ns: sample time for which it holds. reason:
+    one sentence for the operator. verified_ns: the oldest of the times at which motion last showed a required
+    parameter; None where one was never shown or has been contradicted since. Only new motion advances it, whatever the
+    time of the verdict. expires_ns: when the first of them exceeds an age limit of its own, which a rest extends; None
+    where none has one. rivals: what may be wrong where motion so far does not show which, the likeliest first; never
+    one alone. point: the error of a point, None where it is not known.
     """
 
     t_ns: int
@@ -307,7 +312,7 @@ class Verdict:
 
 
 class State(Enum):
-    """States of the supervisor, as the operator reads them."""
+    """Names the states of the supervisor, as the operator reads them."""
 
     SELF_TEST = "self-test"
     WAITING = "waiting for devices"
@@ -323,13 +328,13 @@ class State(Enum):
 
 @dataclass(frozen=True, slots=True)
 class AlarmState:
-    """What the room sees: one row of the alarm table, in force since since_ns.
+    """Holds what the room is shown: one row of the alarm table, in force since since_ns.
 
     energised: contact closed, which means safe. fault: class that caused the state, None where none. verified_ns: when
     the calibration was last verified, None when it is not. latched, latched_fault: the state that holds until a person
     acknowledges and the calibration is verified again, also through recalibration, loss of a device and restart; and
-    its cause. acknowledged: a person has. notices: classes of advisories, shown besides. barrier_ns: only motion after
-    it verifies anything.
+    its cause. acknowledged: whether a person has. notices: classes of advisories, shown besides. barrier_ns: only
+    motion after it verifies anything.
     """
 
     state: State

@@ -1,4 +1,4 @@
-"""The numerical core: samples in, verdicts out. Pure: no clock, thread, file or device.
+"""Turns samples into verdicts: the numerical core. Pure: no clock, thread, file or device.
 
-At this level the line itself, the Motion Analyzer and what all rooms compute with; one room for each further stage.
+This level holds the line itself, the Motion Analyzer and what all stages compute with; each further stage has a folder.
 """

@@ -1,7 +1,8 @@
-"""What a line is given and says, as JSON and back, bit for bit: the words of the feed and of the black box.
+"""Converts what a line takes and returns to JSON and back, bit for bit, for the feed and the black box.
 
-Integers are as they are, floats in the shortest digits that give the same double; what is not finite is a string,
-"nan", "inf" or "-inf". Whatever reads raises ValueError, KeyError, TypeError or AttributeError for what is none of it.
+Integers stay as they are, floats have the shortest digits that give the same double; a number that is not finite is a
+string, "nan", "inf" or "-inf". Functions that read raise ValueError, KeyError, TypeError or AttributeError for anything
+else.
 """
 
 import math
@@ -18,7 +19,7 @@ Header = dict[str, Any]
 
 
 def settings_fields(settings: EstimatorSettings) -> Header:
-    """What a line is made of."""
+    """Returns the fields of the settings that a line is made from."""
     return {
         "generation": settings.generation,
         "stale_ns": settings.stale_ns,
@@ -29,7 +30,7 @@ def settings_fields(settings: EstimatorSettings) -> Header:
 
 
 def calibration_fields(calibration: Calibration) -> Header:
-    """All of it; the covariance row by row."""
+    """Returns all fields of a calibration, the covariance row by row."""
     covariance = calibration.covariance
     return {
         "rotation": _numbers(calibration.rotation),
@@ -45,7 +46,7 @@ def calibration_fields(calibration: Calibration) -> Header:
 
 
 def verdict_fields(verdict: Verdict) -> Header:
-    """All of it, with every check and rival."""
+    """Returns all fields of a verdict, with every check and rival."""
     return {
         "t_ns": verdict.t_ns,
         "verdict": verdict.kind.value,
@@ -60,12 +61,12 @@ def verdict_fields(verdict: Verdict) -> Header:
 
 
 def stamp_fields(sample: Frame | Pose) -> Header:
-    """When it was true, and the device's counter."""
+    """Returns when a sample was true, with the bound of its error, and the device's counter."""
     return {"t_ns": sample.stamp.t_ns, "err_ns": sample.stamp.err_ns, "sequence": sample.sequence}
 
 
 def pose_fields(pose: Pose) -> Header:
-    """All of it."""
+    """Returns all fields of a pose."""
     return {
         **stamp_fields(pose),
         "status": pose.status.name,
@@ -77,7 +78,7 @@ def pose_fields(pose: Pose) -> Header:
 
 
 def settings_of(fields: Header) -> EstimatorSettings:
-    """Inverse of settings_fields."""
+    """Reads settings; the inverse of settings_fields."""
     limits, relative_pose = Limits.model_validate(fields["limits"]), fields.get("relative_pose")
     return EstimatorSettings(
         integer(fields["generation"]),
@@ -89,7 +90,7 @@ def settings_of(fields: Header) -> EstimatorSettings:
 
 
 def calibration_of(fields: Header) -> Calibration:
-    """Inverse of calibration_fields."""
+    """Reads a calibration; the inverse of calibration_fields."""
     covariance = fields["covariance"]
     lateral, axial = map(integer, fields["polarity"])
     width, height = map(integer, fields["image_size_px"])
@@ -107,7 +108,7 @@ def calibration_of(fields: Header) -> Calibration:
 
 
 def verdict_of(fields: Header) -> Verdict:
-    """Inverse of verdict_fields."""
+    """Reads a verdict; the inverse of verdict_fields."""
     return Verdict(
         t_ns=integer(fields["t_ns"]),
         kind=VerdictKind(fields["verdict"]),
@@ -122,12 +123,12 @@ def verdict_of(fields: Header) -> Verdict:
 
 
 def stamp_of(fields: Header) -> Stamp:
-    """Inverse of stamp_fields."""
+    """Reads a stamp; the inverse of stamp_fields."""
     return Stamp(integer(fields["t_ns"]), integer(fields["err_ns"]))
 
 
 def pose_of(fields: Header) -> Pose:
-    """Inverse of pose_fields."""
+    """Reads a pose; the inverse of pose_fields."""
     matrix, witness = fields["matrix"], fields.get("witness")
     return Pose(
         stamp_of(fields),
@@ -141,7 +142,7 @@ def pose_of(fields: Header) -> Pose:
 
 
 def integer(value: Any) -> int:
-    """The same number; a flag is none."""
+    """Returns the same number. Raises ValueError where it is not a whole number; a flag is none."""
     if not isinstance(value, int) or isinstance(value, bool):
         raise ValueError(f"{value!r} is not a whole number")
     return value

@@ -1,7 +1,6 @@
-"""The line: samples in, verdicts out. Pure: no clock, no thread, no file; time is in the stamps.
+"""Turns samples into verdicts. Pure: no clock, no thread, no file; time is in the stamps.
 
-Acquisition → Real-time Tracker → Motion Analyzer → AX=XB solver → Quality Control, one picture after the other.
-"""
+Acquisition → Real-time Tracker → Motion Analyzer → AX=XB solver → Quality Control, one picture after the other."""
 
 from collections import deque
 from dataclasses import replace
@@ -44,26 +43,24 @@ from probewatch.drivers.samples import Frame, Matrix4, Pose
 REPORTS_FAULTS = (Fault.SCALE,)
 
 _QUICK_PICTURES = 4
-"""By whose poses the hand is quick. Two are called so by the noise of a tracker alone, of .1 mm in one picture of ten
-of a slow circle; more ask for a hand that is quick for longer. Not varied."""
+"""Number of pictures by whose poses the hand is called quick. With two, tracker noise of .1 mm alone makes one picture
+in ten of a slow circle quick; more ask for a hand that is quick for longer. Not varied."""
 _SIZE_PERCENT = 0.1
-"""The limit reported with a picture of another size, which fails however little it differs: 1 px of 640 is .16 %."""
+"""Limit, %, that is reported with a picture of another size, which fails however little it differs: 1 px of 640 is .16
+%."""
 _GAP_NS = MOST_APART_NS
-"""Without a live picture of tissue and its pose, after which whatever a hand can change counts as changed. Shorter asks
-for new motion whenever a hand passes before the markers; longer leaves time to bend them unseen. It is the longest time
-between two poses that are bridged: beyond it no picture has a pose, and the slip watch begins again. A grabber faster
-than the scanner may hand a picture on for as long.
-"""
+"""Time, ns, without a live picture of tissue and its pose, after which whatever a hand can change counts as changed. A
+shorter one asks for new motion whenever a hand passes before the markers; a longer one leaves time to bend them unseen.
+It is the longest time between two poses that are bridged: beyond it no picture has a pose, and the slip watch begins
+again. A grabber faster than the scanner may repeat a picture for as long."""
 
 
 class Line:
-    """reference: the calibration that is watched. Give frames and poses in the order in which they came.
+    """Watches one calibration, the reference. It takes frames and poses in the order in which they came.
 
-    step() accepts any frame: one of another size than the reference's is a scale fault, one that is no 8-bit grey
-    picture is NOT_VERIFIED with the reason.
-    stale_ns: how long a tracker may repeat one pose while the picture moves. relative_pose: as of `Witness`.
-    motion: the latest motion that was sorted, None before the first.
-    """
+    step() accepts any frame: one of another size than the reference's is a scale fault, one that is not an 8-bit grey
+    picture is NOT_VERIFIED with the reason. stale_ns: how long a tracker may repeat one pose while the picture moves.
+    relative_pose: as of `Witness`. motion: the latest motion that was sorted, None before the first."""
 
     def __init__(
         self,
@@ -110,36 +107,37 @@ class Line:
 
     @property
     def mask(self) -> Bits | None:
-        """(h, w) bool, True where the registration looks; None until it has learnt what never moves."""
+        """Returns where the registration looks, (h, w) bool; None until it has learnt what never moves."""
         return self._tracker.mask
 
     @property
     def averaged(self) -> float:
-        """Share of the last picture that the scanner leaves in the next, as the pictures show it; 0 for none."""
+        """Returns the share of the last picture that the scanner leaves in the next, as the pictures show it; 0 for
+        none."""
         return self._averaging.share
 
     @property
     def nats(self) -> float | None:
-        """See `Evidence`."""
+        """Returns `Evidence.nats`."""
         return self._evidence.nats
 
     @property
     def stationary_spans(self) -> tuple[tuple[int, int], ...]:
-        """See `StationaryTime`."""
+        """Returns `StationaryTime.spans`."""
         return self._evidence.stationary.spans
 
     @property
     def reference(self) -> Calibration:
-        """The calibration that is watched."""
+        """Returns the calibration that is watched."""
         return self._reference
 
     @property
     def relative_pose(self) -> Matrix4 | None:
-        """See `Witness`."""
+        """Returns `Witness.relative_pose`."""
         return self._witness.relative_pose
 
     def step(self, sample: Frame | Pose) -> tuple[Verdict, ...]:
-        """Take the next sample; one verdict for each frame that it settles."""
+        """Takes the next sample; returns one verdict for each frame that it settles."""
         gate = self._count(sample)
         checked = gate.step(sample.stamp.t_ns)
         if checked is StampCheck.REFUSED:
@@ -152,13 +150,12 @@ class Line:
         return tuple(self._settled(item) for item in self._pairing.step(sample))
 
     def point_bounds(self, t_ns: int, at_mm: Array) -> Bounds | None:
-        """Bounds at (n, 3) places in the axes of the picture, mm from its middle: what the error of a point of the
-        verdict at t_ns, the last one, is the worst and the median of.
-        """
+        """Returns the bounds at (n, 3) places in the axes of the picture, mm from its middle. Of such bounds, the worst
+        and the median are the error of a point in the verdict at t_ns, which is the last one."""
         return self._evidence.points.at(t_ns, self._status, at_mm)
 
     def report(self) -> LineReport:
-        """What the whole session showed; frames still waiting for a pose stay unpaired."""
+        """Returns what the whole session showed; frames still waiting for a pose stay unpaired."""
         self._pairing.finish()
         session = self._evidence.finish()
         verdict = self._judgement.overall(
@@ -182,7 +179,7 @@ class Line:
         )
 
     def constant_latency(self) -> Check:
-        """See Evidence.constant_latency."""
+        """Returns `Evidence.constant_latency` of the whole session; frames still waiting for a pose stay unpaired."""
         self._pairing.finish()
         return self._evidence.constant_latency()
 
@@ -194,9 +191,9 @@ class Line:
         return self._frame_gate
 
     def _refused(self, sample: Frame | Pose) -> tuple[Verdict, ...]:
-        """A frame with a stamp that cannot be believed is settled at the time of the last one that could. In a stream
-        of them that time stands still, and what was shown would never grow old.
-        """
+        """Settles a frame whose stamp cannot be believed at the time of the last one that could. In a stream of such
+        frames that time does not advance, and what was shown would never grow old, so it is discarded once the stream
+        is lost."""
         if isinstance(sample, Pose):
             return ()
         if self._frame_gate.lost:
@@ -205,7 +202,7 @@ class Line:
         return (self._judged(self._frame_gate.last_ns or 0, self._checks()),)
 
     def _turn_back(self, sample: Frame | Pose) -> None:
-        """What is stamped at or after this sample was stamped in the future."""
+        """Discards what is stamped at or after this sample, as it was stamped in the future."""
         t_ns = sample.stamp.t_ns
         if isinstance(sample, Pose):
             self._pairing.forget_poses(t_ns)
@@ -253,14 +250,13 @@ class Line:
         return self._judged(t_ns, self._checks())
 
     def _note_gap(self, t_ns: int) -> None:
-        """After a gap in sight nothing is shown any more, of whatever parameter."""
+        """Discards what was shown, of every parameter, after a gap in sight."""
         if self._sighted_ns is not None and not 0 <= t_ns - self._sighted_ns <= _GAP_NS:
             self._unverify()
 
     def _note_sight(self, item: StampedPair | Unpaired) -> None:
-        """Whether tissue and pose are there at once, in a picture that goes on with the chain of those that showed the
-        calibration; what says that they are not ends what was shown.
-        """
+        """Notes whether tissue and pose are present together, in a picture that continues the chain of those that
+        showed the calibration; where they are shown not to be, what was shown is discarded."""
         blind = any(
             check.fault.kind in (Kind.SIGHT, Kind.DEVICE) and check.verdict is not VerdictKind.OK
             for check in self._detected()
@@ -281,9 +277,8 @@ class Line:
         return (*self._believed(self._evidence.checks()), *self._detected())
 
     def _believed(self, checks: tuple[Check, ...]) -> tuple[Check, ...]:
-        """While it is open whether the scanner averages, motion shows no scale, neither right nor wrong: what leaves
-        the plane looks shorter than it is behind one that does.
-        """
+        """Returns the checks, those of a scale not verified while it is open whether the scanner averages. Behind one
+        that does, what leaves the plane looks shorter than it is, so motion shows no scale, neither right nor wrong."""
         if self._averaging.known:
             return checks
         return tuple(
@@ -293,7 +288,7 @@ class Line:
 
     @property
     def _status(self) -> VerificationStatus:
-        """Verification status; nothing is verified while motion can show no scale."""
+        """Returns the verification status; nothing is verified while motion can show no scale."""
         status = self._evidence.status
         return status if self._averaging.known else replace(status, verified_ns=None, expires_ns=None)
 
@@ -301,7 +296,7 @@ class Line:
         return self._with_point_error(judge(t_ns, checks, self._status, self._broke))
 
     def _with_point_error(self, verdict: Verdict) -> Verdict:
-        """The verdict with the error of a point as of now."""
+        """Returns the verdict with the error of a point as of now."""
         point = self._evidence.points.now(verdict.t_ns, self._status)
         verdict = bounded(verdict, point, self._limits.point_mm)
         self._judgement.note(verdict)
@@ -311,7 +306,7 @@ class Line:
         return tuple(check for detector in self._detectors for check in detector.checks())
 
     def _lose_sight(self, t_ns: int) -> None:
-        """End the chain: a probe that rests for long may go on anywhere."""
+        """Ends the chain, as a probe that has rested for long may go on anywhere."""
         self._tracker.restart()
         self._averaging.restart()
         self._poses_before.clear()
@@ -336,9 +331,8 @@ class Line:
             self._evidence.window.add(replace(motion, tissue=None) if water else motion)
 
     def _undone(self, item: StampedPair | Unpaired) -> StampedPair | Unpaired:
-        """The same with a picture that holds nothing of those before it. What was made of pictures that did, or that
-        were made of another share, says nothing.
-        """
+        """Returns the same with a picture that holds nothing of those before it. Where the share changes, what was made
+        of earlier pictures says nothing and is discarded."""
         frame = item.frame
         if isinstance(item, StampedPair):
             self._poses_before.append(item.matrix)
@@ -352,10 +346,9 @@ class Line:
         return item if image is frame.image else replace(item, frame=replace(frame, image=image))
 
     def _analyse(self, pair: StampedPair, tracked: Tracked) -> Motion:
-        """Sort the motion and let it steer the keyframe.
+        """Sorts the motion and lets it steer the keyframe.
 
-        The Real-time Tracker may have made the picture before its keyframe, so that one's pose is kept as well.
-        """
+        The Real-time Tracker may have made the picture before its keyframe, so the pose of that one is kept as well."""
         own = (pair.frame.sequence, pair.matrix)
         keyframe = next((pose for pose in self._known_poses if pose[0] == tracked.keyframe), own)
         motion = self.motion = analyse(tracked, pair, self._reference, keyframe[1])
@@ -366,7 +359,7 @@ class Line:
         return motion
 
     def _seen(self, seen: Observation) -> bool:
-        """Whether some detector has seen the geometry change; each of them takes the picture."""
+        """Gives the picture to each detector; returns whether one of them has seen the geometry change."""
         changed = [detector.see(seen) for detector in self._detectors]
         return any(changed)
 

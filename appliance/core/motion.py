@@ -1,6 +1,6 @@
-"""Motion Analyzer: sorts each motion, and has the Real-time Tracker change the keyframe.
+"""Implements the Motion Analyzer, which sorts each motion and has the Real-time Tracker change the keyframe.
 
-It looks at the picture, at the tracker, and at their disagreement, so that a wrong calibration cannot hide itself by
+It considers the picture, the tracker, and their disagreement, so that a wrong calibration cannot hide itself by
 spoiling the sorting: what the tracker alone calls out-of-plane counts for nothing while the picture looks the same.
 """
 
@@ -16,37 +16,39 @@ from probewatch.drivers.samples import Matrix4
 
 _STILL_MM = 0.15
 _TURN_RAD = np.deg2rad(0.7)
-"""RMS way over the picture since its keyframe, and turn, up to which a motion is called still, or a translation. They
-only name it; no estimate depends on them.
+"""RMS displacement over the picture since its keyframe, mm, and turn, rad, up to which a motion is called still, or a
+translation. They only name it; no estimate depends on them.
 """
 _OUT_MM, _ALIKE = 0.25, 0.95
-"""RMS way out of the plane, mm, and correlation beyond which a motion is called out-of-plane, which keeps its keyframe
-for longer. Speckle correlates by .95 at 0.2 mm (tests/appliance/core/registration/test_registration.py); sooner,
-tracker noise would show.
+"""RMS displacement out of the plane, mm, above which, and correlation below which, a motion is called out-of-plane,
+which keeps its keyframe for longer. Speckle correlates by .95 at 0.2 mm
+(tests/appliance/core/registration/test_registration.py); with smaller changes, tracker noise would show.
 """
 _FAST_PX = 40.0
-"""Between two pictures. Further steps were not tried: 40 px are registered within .05 px
-(tests/appliance/core/registration/test_registration.py). What is refused is lost to the solver.
+"""Step between two pictures, px, beyond which a motion is too fast. Longer steps were not tried: 40 px are registered
+within .05 px (tests/appliance/core/registration/test_registration.py). What is refused is lost to the solver.
 """
 _SPECKLE_MM, _PLACES = (1.5, 0.45), 5
-"""Lateral and axial way after which speckle has nothing in common with itself, three standard deviations of the echo of
-the study's probe of 5 MHz; and rows and columns of places where it is looked at. More asks for quicker hands; in the
-gesture every second picture has gone so far."""
+"""Lateral and axial displacement, mm, after which speckle has nothing in common with itself, three standard deviations
+of the echo of the study's probe of 5 MHz; and the number of rows and of columns of places at which it is evaluated.
+More asks for quicker hands; in the gesture every second picture has gone as far.
+"""
 _STAYS = 3
-"""Most of the 25 places that may have stayed: those about which the picture turns. Not varied."""
+"""Largest number of the 25 places that may have stayed: those about which the picture turns. Not varied."""
 _RENEW_CORRELATION, _RENEW_OUT_CORRELATION = 0.8, 0.7
-"""Likeness to the keyframe below which it is renewed. More renews it more often, and each time adds the error of one
-registration to the path; less comes near to what the self-check of the Real-time Tracker refuses. Not measured.
+"""Correlation with the keyframe below which it is renewed, in general and out of the plane. More renews it more often,
+and each time adds the error of one registration to the path; less comes near to what the self-check of the Real-time
+Tracker refuses. Not measured.
 """
 _RENEW_OVERLAP = 0.85
 _RENEW_PX = 60.0
-"""Share of the keyframe in view, and way from it, at which it is renewed, for the same reasons: a leap of 70 px is
-still found (tests/appliance/core/registration/test_realtime_tracker.py).
+"""Share of the keyframe in view, and displacement from it, px, at which it is renewed, for the same reasons: a leap of
+70 px is still found (tests/appliance/core/registration/test_realtime_tracker.py).
 """
 
 
 def predicted_motion(calibration: Calibration, first: Matrix4, second: Matrix4) -> tuple[Array, Array]:
-    """A = X B X⁻¹ with B = B_2⁻¹ B_1: (t_a (3,) mm, rotation vector (3,) rad) in picture axes (Eq. 1)."""
+    """Returns A = X B X⁻¹ with B = B_2⁻¹ B_1 (Eq. 1) as (t_a (3,) mm, rotation vector (3,) rad) in picture axes."""
     B = inverse(second) @ first
     R, t = calibration.rotation, calibration.offset_mm
     R_a = R @ B[:3, :3] @ R.T
@@ -54,8 +56,8 @@ def predicted_motion(calibration: Calibration, first: Matrix4, second: Matrix4) 
 
 
 def plane_step(u_px: Array, alpha_rad: float, calibration: Calibration) -> Array:
-    """(3,) way of the picture plane, lateral and axial mm and turn rad in the axes of the earlier picture, of a step
-    (u, α) of the tissue in the picture: the inverse of Eq. 3.
+    """Returns the step of the picture plane, (3,), lateral and axial mm and turn rad in the axes of the earlier
+    picture, that corresponds to a step (u, α) of the tissue in the picture: the inverse of Eq. 3.
     """
     lateral, axial = calibration.polarity
     turn = -alpha_rad * lateral * axial
@@ -65,7 +67,7 @@ def plane_step(u_px: Array, alpha_rad: float, calibration: Calibration) -> Array
 
 
 def sort_motion(tracked: Tracked, calibration: Calibration, keyframe_pose: Matrix4, pose: Matrix4) -> MotionKind:
-    """Kind of the motion between keyframe and picture. Poses: (4, 4) sensor → tracker, mm."""
+    """Returns the kind of the motion between keyframe and picture. Poses: (4, 4) sensor → tracker, mm."""
     found = tracked.registration
     if found is None:
         return MotionKind.DECORRELATED
@@ -83,8 +85,8 @@ def sort_motion(tracked: Tracked, calibration: Calibration, keyframe_pose: Matri
 
 
 def out_of_plane_mm(calibration: Calibration, first: Matrix4, second: Matrix4) -> float:
-    """Root mean square over the picture of how far it went out of its plane between two poses, (4, 4) sensor →
-    tracker.
+    """Returns how far the picture went out of its plane between two poses, (4, 4) sensor → tracker, as the root mean
+    square over the picture, mm.
     """
     t_a, turn = predicted_motion(calibration, first, second)
     reach_mm = calibration.scale_mm_per_px * calibration.image_size_px / np.sqrt(12)
@@ -92,8 +94,8 @@ def out_of_plane_mm(calibration: Calibration, first: Matrix4, second: Matrix4) -
 
 
 def quick(calibration: Calibration, poses: Sequence[Matrix4]) -> bool:
-    """Whether tissue all over the picture has gone on by more than its speckle is long, from the last but one of these
-    poses to the last, and so far each time on the way from the first: one step alone may be a tracker's noise.
+    """Returns whether tissue all over the picture moved by more than the length of its speckle, from the last but one
+    of these poses to the last, and by as much per step from the first: one step alone may be a tracker's noise.
     """
     steps = len(poses) - 1
     return steps > 0 and all(
@@ -112,7 +114,7 @@ def _apart(calibration: Calibration, first: Matrix4, second: Matrix4, times: int
 
 
 def analyse(tracked: Tracked, pair: StampedPair, calibration: Calibration, keyframe_pose: Matrix4) -> Motion:
-    """Sort the motion of one picture. What broke the chain or outran the registration is kept from the solver."""
+    """Sorts the motion of one picture. What broke the chain or outran the registration is kept from the solver."""
     kind = sort_motion(tracked, calibration, keyframe_pose, pair.matrix)
     found = tracked.registration
     usable = found is not None and kind is not MotionKind.TOO_FAST
@@ -135,11 +137,12 @@ def analyse(tracked: Tracked, pair: StampedPair, calibration: Calibration, keyfr
 
 
 def wants_keyframe(motion: Motion, overlap: float) -> bool:
-    """Whether this picture should become the keyframe. The old one stays while it serves: long steps drown least in
-    tracker noise (docs/method.md, section 3), so the step d grows until likeness, overlap or capture range end it.
+    """Returns whether this picture should become the keyframe. The old one is kept while it serves: long steps suffer
+    least from tracker noise (docs/method.md, section 3), so the step d grows until correlation, overlap or capture
+    range end it.
 
-    Out of the plane the picture shows no way that would be lost, and every change of keyframe adds its error to the
-    path: there a worse likeness will do.
+    Out of the plane the picture shows no displacement that would be lost, and every change of keyframe adds its error
+    to the path, so a lower correlation will do there.
     """
     out = motion.kind is MotionKind.OUT_OF_PLANE
     least = _RENEW_OUT_CORRELATION if out else _RENEW_CORRELATION

@@ -1,7 +1,7 @@
-"""Computations in steps, so that no picture has to wait for the whole of one.
+"""Runs computations in steps, so that no picture has to wait for the whole of one.
 
-Each step yields before it is done what it costs: counted from the sizes of its arrays and never timed, so that a
-recording is cut where it was cut live, on whatever computer.
+A computation yields the cost of each step before the step is done. Costs are counted from the sizes of arrays and never
+timed, so that a recording is cut where it was cut live, on any computer.
 """
 
 from collections.abc import Generator
@@ -9,35 +9,44 @@ from typing import NamedTuple, TypeVar
 
 Result = TypeVar("Result")
 Steps = Generator[int, None, Result]
-"""A computation in steps: yields before each what it costs, µs, and returns the result."""
+"""Computation in steps, which yields before each its cost, µs, and returns the result."""
 
 
 class Cost(NamedTuple):
-    """Cost of a step, µs: whatever its size, and for each picture (of a round: for each pair of blocks)."""
+    """Represents the cost of a step, µs: a part for any size, and a part for each picture (of a round: for each pair of
+    blocks).
+    """
 
     base_us: float
     each_us: float = 0.0
 
     def of(self, count: int = 0) -> int:
-        """µs of a step of that size; without one where it does not matter."""
+        """Returns the cost, µs, of a step of that size; without one where it does not matter."""
         return round(self.base_us + self.each_us * count)
 
 
-# Costs, µs of processor time a piece: means over windows of up to 200 blocks in 20 s of rendered sweep on one core.
-# Over other sessions (four of a minute, paths without pictures) the sum was within 2 % of the time taken, and no piece
-# took more than 6.4 ms. A cost that is too small lengthens the picture at which the piece is done, one that is too
-# large makes solutions ready later. Only their ratios matter: a slower computer is as much slower with the pictures.
+# Costs, µs of processor time a step: means over windows of up to 200 blocks in 20 s of rendered sweep on one core. Over
+# other sessions (four of a minute, paths without pictures) the sum was within 2 % of the time taken, and no step took
+# more than 6.4 ms. A cost that is too small delays the picture at which the step is done, one that is too large makes
+# solutions ready later. Only their ratios matter: a slower computer is slower with the pictures by the same factor.
 LATENCY, SAMPLES = Cost(1000, 3.3), Cost(150, 0.3)
-"""Search for the lag of two paths, and poses at the times of the pictures; µs, and µs a picture, measured as above."""
+"""Cost of the search for the lag of two paths, and of the poses at the times of the pictures; µs, and µs a picture,
+measured as above.
+"""
 RESIDUAL, ROUND = Cost(200, 1.0), Cost(250, 0.05)
-"""What a solution needs once, µs and µs a picture; each of its rounds, µs and µs a pair of blocks."""
+"""Cost of what a solution needs once, µs and µs a picture; and of each of its rounds, µs and µs a pair of blocks."""
 MISFIT, POLARITY = Cost(600, 0.5), Cost(850, 1.8)
-"""Cost of the reference's misfit at one lag, and of the weighing of the four polarities; µs, and µs a picture, measured
-as above."""
+"""Cost of the reference's misfit at one lag, and of weighing the four polarities; µs, and µs a picture, measured as
+above.
+"""
 LAG, LAGS, CONVENTIONS = Cost(550), Cost(600), Cost(3000)
-"""Lags of the latest motion, of all that is looked at, and with the poses read in other ways; µs, measured as above."""
+"""Cost of lags of the latest motion, of all motion that is considered, and with the poses read in other ways; µs,
+measured as above.
+"""
 INNOVATIONS, TRIAL = Cost(1000, 2.7), Cost(1500)
-"""Whitened disagreement of the sequential test, µs and µs a picture; one start of a change, µs. Measured as above."""
+"""Cost of the whitened disagreement of the sequential test, µs and µs a picture; and of one start of a change, µs.
+Measured as above.
+"""
 
 
 def run_to_end(steps: Steps[Result]) -> Result:
@@ -51,7 +60,7 @@ def run_to_end(steps: Steps[Result]) -> Result:
 
 
 class SpreadWork:
-    """Runs a computation in steps, a share of it at a time. next_us: what its next step costs; 0 before the first."""
+    """Runs a computation in steps, a share of it at a time. next_us: cost of its next step, µs; 0 before the first."""
 
     def __init__(self) -> None:
         self._steps: Steps[None] | None = None
@@ -59,11 +68,11 @@ class SpreadWork:
 
     @property
     def under_way(self) -> bool:
-        """Whether a computation has begun and is not done."""
+        """Returns whether a computation has begun and is not done."""
         return self._steps is not None
 
     def begin(self, steps: Steps[None]) -> None:
-        """Begins a computation; the one under way is dropped."""
+        """Begins a computation; one that is under way is dropped."""
         self._steps, self.next_us = steps, 0
 
     def drop(self) -> None:

@@ -1,4 +1,4 @@
-"""Takes the rare paths of the line once, so that the first real fault does not wait for code to be read from disk."""
+"""Runs the rare paths of the line once, so that the first real fault does not wait for code to be read from disk."""
 
 import cv2
 import numpy as np
@@ -11,11 +11,13 @@ from probewatch.appliance.types import Calibration
 from probewatch.drivers.samples import GreyImage
 
 _FRAME_NS = 33_000_000
-"""Between the pictures: 30 a second."""
+"""Time between the pictures, ns: 30 a second."""
 
 
 def warm_up(width_px: int = 640, height_px: int = 480) -> None:
-    """A few still pictures, then one that nothing follows: it is searched for, and taken for mirrored."""
+    """Processes a few still pictures, then one that does not follow them: it is searched for, and taken for
+    mirrored.
+    """
     noise = np.random.default_rng(1).integers(0, 255, (height_px, width_px), dtype=np.uint8)
     picture: GreyImage = np.asarray(cv2.GaussianBlur(noise, (0, 0), 3), dtype=np.uint8)
     pictures = [*([picture] * 8), np.asarray(cv2.flip(picture, 1), dtype=np.uint8)]

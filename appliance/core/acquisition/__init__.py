@@ -1,1 +1,1 @@
-"""What enters the line: samples fit to compute with, each frame with the pose of its own time. Pure."""
+"""Prepares what enters the line: samples fit to compute with, each frame with the pose of its own time. Pure."""

@@ -1,4 +1,6 @@
-"""What may enter the line. Whatever else a driver delivers is refused here with the reason, and not computed with."""
+"""Decides what may enter the line. Whatever else a driver delivers is refused here with the reason, and not computed
+with.
+"""
 
 from dataclasses import replace
 
@@ -7,19 +9,19 @@ import numpy as np
 from probewatch.drivers.samples import GreyImage, Pose, PoseStatus
 
 ORTHOGONAL_WITHIN = 1e-3
-"""Error of any element of R Rᵀ. More could hide .06° of shear or .05 % of scale; the tightest limits are .5° and .5 %.
-Less would refuse a matrix whose elements were rounded to three decimals. Not measured.
+"""Largest error of any element of R Rᵀ. More could hide .06° of shear or .05 % of scale; the tightest limits are .5°
+and .5 %. Less would refuse a matrix whose elements were rounded to three decimals. Not measured.
 """
 FURTHEST_MM = 1e6
-"""Of a body, as the drivers have it (drivers.trackers.pose_bounds). More lets in numbers that the solver cannot square:
-1e155 mm once ended the line with an exception. Less gains nothing: no tracker sees so far.
+"""Largest distance of a body, mm, the same as in the drivers (drivers.trackers.pose_bounds). More lets in numbers that
+the solver cannot square: 1e155 mm once ended the line with an exception. Less gains nothing: no tracker sees that far.
 """
-_IDENTITY, _LAST_ROW = np.eye(3), np.array([0, 0, 0, 1])  # made once: every pose is held against it
+_IDENTITY, _LAST_ROW = np.eye(3), np.array([0, 0, 0, 1])  # made once, as every pose is compared with them
 
 
 def checked_pose(pose: Pose) -> Pose:
-    """The pose itself, or one NOT_UNDERSTOOD, with the reason, where its matrix is no finite rigid transform; without
-    the second body where that has none.
+    """Returns the pose itself, or one NOT_UNDERSTOOD, with the reason, where its matrix is not a finite rigid
+    transform; without the second body where that body's matrix is none.
     """
     if pose.matrix is None:
         return pose
@@ -30,7 +32,7 @@ def checked_pose(pose: Pose) -> Pose:
 
 
 def refused_picture(image: GreyImage) -> str:
-    """Why the picture cannot be used; empty where it can: (h, w) uint8, h and w positive."""
+    """Returns why the picture cannot be used; empty where it can: (h, w) uint8, h and w positive."""
     if image.ndim != 2:
         return f"the picture has shape {image.shape}, not (height, width): convert colour to grey in the driver"
     if image.dtype != np.uint8:

@@ -1,4 +1,4 @@
-"""Acquisition: a frame gets the pose of its own time, between the two that bracket it: never nearest, never beyond."""
+"""Gives each frame the pose of its own time, between the two poses that bracket it: never the nearest, never beyond."""
 
 from collections import Counter, deque
 from dataclasses import dataclass
@@ -13,12 +13,12 @@ GAP = "poses too far apart"
 NOT_OK = "pose not usable: "
 NEVER = "no pose after the frame"
 REASONS = (NO_POSE, GAP, NEVER, *(NOT_OK + status.value for status in PoseStatus if status is not PoseStatus.OK))
-"""Reasons of frames without a pose; a technician reads them beside the counts of a scan."""
+"""Reasons why frames have no pose; a technician reads them beside the counts of a scan."""
 
 
 @dataclass(frozen=True, slots=True)
 class Unpaired:
-    """A frame that got no pose, and why; reasons are the keys of the report."""
+    """Represents a frame that got no pose, and why; reasons are the keys of the report."""
 
     frame: Frame
     reason: str
@@ -29,11 +29,11 @@ class Pairing:
 
     Each stream comes in the order of its stamps, as `StampGate` lets it in.
 
-    latency_ns > 0 where the tracker is late: the pose stamped t + latency belongs to the image stamped t.
-    max_gap_ns: poses further apart than this do not bracket. max_wait_ns: a frame so much older than the newest is
-    given up; longer than a tracker may be silent before it is lost, and short, since all that wait are registered in
-    one step when it returns: at 30 fps .7 s are 21 pictures, .2 s of work (`make bench`). max_waiting: the same in
-    frames, for memory.
+    latency_ns > 0 where the tracker is late: the pose stamped t + latency belongs to the image stamped t. max_gap_ns:
+    distance beyond which two poses do not bracket. max_wait_ns: age, against the newest frame, beyond which a frame is
+    given up. It is longer than a tracker may be silent before it is lost, and short, since all frames that wait are
+    registered in one step when it returns: at 30 fps .7 s are 21 pictures, .2 s of work (`make bench`). max_waiting:
+    the largest number of frames that wait, for memory.
     """
 
     def __init__(self, max_gap_ns: int = MOST_APART_NS, max_wait_ns: int = 700_000_000, max_waiting: int = 64) -> None:
@@ -46,7 +46,7 @@ class Pairing:
         self.unpaired: Counter[str] = Counter()
 
     def step(self, sample: Frame | Pose) -> tuple[StampedPair | Unpaired, ...]:
-        """Take the next sample; return every frame whose fate it settles, in frame order."""
+        """Takes the next sample; returns every frame whose fate it settles, in frame order."""
         refused = self._admit(sample)
         settled = [*refused, *self._settle()]
         for item in settled:
@@ -55,20 +55,20 @@ class Pairing:
         return tuple(settled)
 
     def finish(self) -> tuple[Unpaired, ...]:
-        """The stream has ended: frames still waiting stay without a pose."""
+        """Ends the stream; returns the frames still waiting, which stay without a pose."""
         left = tuple(Unpaired(frame, NEVER) for frame in self._frames)
         self._frames.clear()
         self.unpaired.update(item.reason for item in left)
         return left
 
     def forget_frames(self, since_ns: int) -> None:
-        """Frames that wait with a stamp at or after since_ns were stamped wrongly."""
+        """Discards the frames that wait with a stamp at or after since_ns, which were stamped wrongly."""
         while self._frames and self._frames[-1].stamp.t_ns >= since_ns:
             self.unpaired[NEVER] += 1
             self._frames.pop()
 
     def forget_poses(self, since_ns: int) -> None:
-        """Poses at or after since_ns were stamped wrongly."""
+        """Discards the poses at or after since_ns, which were stamped wrongly."""
         while self._poses and self._poses[-1].stamp.t_ns >= since_ns:
             self._poses.pop()
 

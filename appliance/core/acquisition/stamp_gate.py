@@ -1,18 +1,24 @@
-"""Lets the samples of one stream in by their stamps; one that leaps is believed only once others agree with it."""
+"""Lets the samples of one stream in by their stamps; one whose stamp leaps is believed only once others agree
+with it.
+"""
 
 from enum import Enum
 
 _LEAP_NS = 2_000_000_000
-"""A stamp further ahead than this is a leap. Longer lets one false stamp hold the stream up for longer; shorter costs a
-slow stream its samples. The slowest that can be paired sends every 0.25 s (`Pairing`)."""
+"""Step of a stamp, ns, beyond which it is a leap. Longer lets one false stamp hold the stream up for longer; shorter
+costs a slow stream its samples. The slowest that can be paired sends every 0.25 s (`Pairing`).
+"""
 _AGREEING = 3
-"""Successive stamps that make a leap true. More costs that many samples after each gap; fewer would let a pair of false
-stamps move the stream. At 4 Hz, three are .75 s, within the second that is promised (docs/failures.md)."""
+"""Number of successive stamps that confirm a leap. More costs that many samples after each gap; fewer would let a pair
+of false stamps move the stream. At 4 Hz, three take .75 s, within the second that is promised (docs/failures.md).
+"""
 
 
 class StampCheck(Enum):
-    """IN: in order. REFUSED: a leap that nothing has confirmed. WENT_BACKWARDS: in, and what came before it was stamped
-    in the future: whatever is not older than this sample must be forgotten.
+    """States whether a sample was let in.
+
+    IN: in order. REFUSED: a leap that nothing has confirmed. WENT_BACKWARDS: let in, and what came before it was
+    stamped in the future: whatever is not older than this sample must be discarded.
     """
 
     IN = "in order"
@@ -21,7 +27,10 @@ class StampCheck(Enum):
 
 
 class StampGate:
-    """last_ns: the newest stamp that was let in, None before the first."""
+    """Lets the samples of one stream in by their stamps.
+
+    last_ns: the newest stamp that was let in, None before the first.
+    """
 
     def __init__(self) -> None:
         self.last_ns: int | None = None
@@ -30,13 +39,13 @@ class StampGate:
 
     @property
     def lost(self) -> bool:
-        """So many stamps in a row were refused as make a leap true: they stand still, go back or contradict each other,
-        and nobody knows when anything of the stream was.
+        """Returns whether as many stamps in a row were refused as would confirm a leap: they do not advance, go back or
+        contradict each other, and nobody knows when any sample of the stream was taken.
         """
         return self._refused >= _AGREEING
 
     def step(self, t_ns: int) -> StampCheck:
-        """Judge the next sample of the stream by its stamp."""
+        """Judges the next sample of the stream by its stamp."""
         judged = self._judged(t_ns)
         self._refused = self._refused + 1 if judged is StampCheck.REFUSED else 0
         return judged

@@ -1,10 +1,10 @@
-"""The freehand two-row form: Λ u = [R_x v]_xy, the picture showing two components of a motion in all three.
+"""Solves the freehand two-row form: Λ u = [R_x v]_xy, where the picture shows two components of a motion in all three.
 
-v is the displacement of the picture's centre in sensor axes with the nominal lever arm (`Motions.displacements`);
-within 5 mm of the truth is enough. For each axis λ u = r · v with |r| = 1: with λ eliminated, r is the lowest
-eigenvector of Σ v vᵀ − Σ u v Σ u vᵀ / Σ u². Tracker noise adds a multiple of the identity there, so r is unbiased,
-and λ = Σ u r·v / Σ u² is regressed on the clean side. In purely planar motion the plane's normal would do as well for
-r: v must span 3 directions.
+v is the displacement of the picture's centre in sensor axes with the nominal lever arm (`Motions.displacements`), which
+is accurate enough within 5 mm of the truth. For each axis λ u = r · v with |r| = 1: with λ eliminated, r is the lowest
+eigenvector of Σ v vᵀ − Σ u v Σ u vᵀ / Σ u². Tracker noise adds a multiple of the identity there, so r is unbiased, and
+λ = Σ u r·v / Σ u² is regressed on the clean side. In purely planar motion the plane's normal would serve as r equally
+well, so v must span 3 directions.
 """
 
 import numpy as np
@@ -14,8 +14,8 @@ from probewatch.appliance.core.handeye.sums import Sums
 from probewatch.drivers.rigid import Array
 
 _SEPARATION = 3.0
-"""Variance of the second-smallest direction ÷ that of the smallest, which is noise. Less lets noise choose the row
-where the motion is planar; more refuses slight motion out of the plane. Not measured.
+"""Variance along the second-smallest direction ÷ that along the smallest, which is noise. Less lets noise choose the
+row where the motion is planar; more refuses slight motion out of the plane. Not measured.
 """
 
 
@@ -27,7 +27,7 @@ def solve_freehand(u: Array, v: Array) -> HandEye:
 
 
 def freehand(sums: Sums) -> HandEye:
-    """The same from running sums."""
+    """Solves the same problem from running sums."""
     independent(sums.uu, 2, "displacements of the picture")
     independent(sums.vv, 3, "displacements of the sensor")
     rotation = rows_to_rotation(np.stack([_row(sums, axis) for axis in (0, 1)]))

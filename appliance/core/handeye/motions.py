@@ -1,4 +1,4 @@
-"""Input and result types shared by all AX = XB solvers, and the choice of the polarity, which motion alone does not
+"""Defines the input and result types of all AX = XB solvers, and chooses the polarity, which motion alone does not
 determine.
 """
 
@@ -15,7 +15,7 @@ _LEAST_RATIO = 1e-6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motions:
-    """A set of n relative motions A_i, B_i with A_i X = X B_i.
+    """Holds n relative motions A_i, B_i with A_i X = X B_i.
 
     `u` has shape (n, 2), px, for pictures and (n, 3), voxels, for volumes; t_a = Λ u. `R_a` has shape (n, 3, 3); for
     pictures these are in-plane turns. `R_b` (n, 3, 3) and `t_b` (n, 3), mm, are the parts of B = B_2⁻¹ B_1.
@@ -41,8 +41,8 @@ class Motions:
         return cls(np.asarray(u_px) * np.array(polarity), rotation_from_vector(turn), B[:, :3, :3], B[:, :3, 3])
 
     def displacements(self, lever_mm: Array) -> Array:
-        """Returns v = t_b + (I − R_b) c, (n, 3): then t_a = R_x v holds however the probe turns. c = R_xᵀ t_x; the
-        nominal value is accurate enough.
+        """Returns v = t_b + (I − R_b) c, (n, 3) mm: then t_a = R_x v holds however the probe turns. lever_mm: c = R_xᵀ
+        t_x; the nominal value is accurate enough.
         """
         return self.t_b + lever_mm - self.R_b @ lever_mm
 
@@ -52,7 +52,7 @@ class Motions:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HandEye:
-    """X and the scales, as estimated by one method.
+    """Holds X and the scales, as estimated by one method.
 
     `rotation` is R_x, (3, 3), a proper rotation. `scale` is (2,) or (3,), mm per px, > 0. `offset_mm` is t_x, (3,), NaN
     where the motion does not determine it. `free` is t_n of Eq. 7, (3,), the direction in which t_x stays undetermined;
@@ -67,12 +67,12 @@ class HandEye:
     covariance: Array | None = None
 
     def matrix(self) -> Array:
-        """X as a (4, 4) matrix; undetermined entries are NaN."""
+        """Returns X as a (4, 4) matrix; undetermined entries are NaN."""
         return rigid(self.rotation, self.offset_mm)
 
 
 UNKNOWN = np.full(3, np.nan)
-"""An offset or a direction, (3,), that the motion does not determine."""
+"""Offset or direction, (3,), that the motion does not determine."""
 
 
 def without_offset(rotation: Array, scale: Array) -> HandEye:

@@ -1,4 +1,6 @@
-"""How much information a motion gives, in natural units: singular values of the information in 1°, 1 % and 1 mm."""
+"""Computes how much information a motion gives, in natural units: singular values of the information in 1°, 1 % and 1
+mm.
+"""
 
 from dataclasses import dataclass
 
@@ -11,8 +13,10 @@ _SHOWN = 1.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Observability:
-    """singular: (p,) falling; a direction with singular value s is known to 1/s natural units. directions: (p, p),
-    one a row, in natural units. known: (p,) bool per parameter: better than one unit.
+    """Holds how well a motion determines the parameters, in natural units.
+
+    singular: (p,) falling; a direction with singular value s is known to 1/s. directions: (p, p), one a row. sigma:
+    (p,) of each parameter. known: (p,) bool per parameter: better than one unit.
     """
 
     singular: Array
@@ -25,12 +29,16 @@ class Observability:
 
 
 def natural_units(scales: int) -> Array:
-    """(3 + scales + 3,) 1° in rad, 1 % and 1 mm: rotation, relative scale, offset."""
+    """Returns the natural units, (3 + scales + 3,): 1° in rad, 1 % and 1 mm, for rotation, relative scale and
+    offset.
+    """
     return np.array([np.deg2rad(1.0)] * 3 + [0.01] * scales + [1.0] * 3)
 
 
 def observability(information: Array) -> Observability:
-    """information: (p, p) of rotation rad, relative scale, offset mm, p = 8 for pictures and 9 for volumes."""
+    """Computes how well an information determines the parameters. information: (p, p) of rotation rad, relative scale,
+    offset mm, p = 8 for pictures and 9 for volumes.
+    """
     unit = natural_units(len(information) - 6)
     values, vectors = np.linalg.eigh(information * np.outer(unit, unit))
     singular = np.sqrt(np.maximum(values[::-1], 0.0))

@@ -1,8 +1,9 @@
-"""The linear nine parameters of the scaled rotation, then QR or polar decomposition (Eq. 4).
+"""Solves for the nine linear parameters of the scaled rotation and factorises them by QR or polar decomposition (Eq.
+4).
 
-t_b = R_xᵀ Λ u = M u: M (three columns for a volume, two for a picture, whose third is unseen) by least squares. The
-tracker is the noisy side and stands on the left, so M is unbiased. Its columns are the rows of R_x times λ. QR with a
-positive diagonal takes the first column as it is; polar treats all alike.
+t_b = R_xᵀ Λ u = M u: M (three columns for a volume, two for a picture, whose third is unseen) is found by least
+squares. The tracker is the noisy side and stands on the left, so M is unbiased. Its columns are the rows of R_x times
+λ. QR with a positive diagonal takes the first column as it is; polar treats all alike.
 """
 
 from dataclasses import replace
@@ -23,7 +24,9 @@ def solve_scaled_rotation(u: Array, v: Array, factor: Literal["qr", "polar"] = "
 
 
 def scaled_rotation(sums: Sums, factor: Literal["qr", "polar"] = "polar") -> HandEye:
-    """The same from running sums; polar with the covariance that the residual implies for independent motions."""
+    """Solves the same problem from running sums; with polar, also for the covariance that the residual implies for
+    independent motions.
+    """
     independent(sums.uu, len(sums.uu), "displacements of the picture")
     found = factorised(np.asarray(np.linalg.solve(sums.uu, sums.uv).T, dtype=np.float64), factor)
     if factor == "qr":
@@ -37,7 +40,9 @@ def scaled_rotation(sums: Sums, factor: Literal["qr", "polar"] = "polar") -> Han
 
 
 def factorised(M: Array, factor: Literal["qr", "polar"] = "polar") -> HandEye:
-    """(3, 2) or (3, 3) M = R_xᵀ Λ → R_x and λ > 0."""
+    """Factorises M = R_xᵀ Λ, (3, 2) or (3, 3), into R_x and λ > 0. Raises ValueError where QR finds a volume mirrored
+    against the tracker.
+    """
     if factor == "qr":
         q, r = np.linalg.qr(M)
         rows = (q * np.sign(np.diag(r))).T
@@ -47,5 +52,5 @@ def factorised(M: Array, factor: Literal["qr", "polar"] = "polar") -> HandEye:
         return without_offset(rotation, np.abs(np.diag(r)))
     directions = (M / np.linalg.norm(M, axis=0)).T
     rotation = nearest_rotation(directions) if len(directions) == 3 else rows_to_rotation(directions)
-    # Along its own row a column's noise has mean zero; its length would grow with the noise across.
+    # Along its own row a column's noise has mean zero; the length of the column would grow with the noise across it.
     return without_offset(rotation, np.einsum("jk,kj->j", rotation[: M.shape[1]], M))

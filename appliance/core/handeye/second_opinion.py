@@ -1,4 +1,4 @@
-"""A calibration estimate from closed forms, independent of the service's own estimate: without reference, prior or
+"""Estimates the calibration from closed forms, independently of the service's own estimate: without reference, prior or
 whitening.
 
 The service fits near its reference. Where X is far from it (a sensor mounted at a right angle, the file of another
@@ -22,20 +22,25 @@ from probewatch.appliance.types import Calibration
 from probewatch.drivers.rigid import Array, vector_from_rotation
 
 _STEP_S = 0.7
-"""Long steps drown least in tracker noise, which these forms do not model; longer ones are fewer, and leave the chain
-of keyframes more often. Not varied by itself.
+"""Length of the steps, s. Long steps suffer least from tracker noise, which these forms do not model; longer ones are
+fewer, and leave the chain of keyframes more often. Not varied by itself.
 """
 _BLOCK_S = 1.4
-"""What is left out at once: two steps, so that blocks hardly share motion. Longer leaves fewer to estimate the
-spread."""
+"""Length of the block that is left out at once, s: two steps, so that blocks hardly share motion. A longer one leaves
+fewer blocks from which to estimate the spread.
+"""
 _LEAST_BLOCKS, _LEAST_PAIRS = 4, 40
-"""Fewer blocks give no spread. The pairs overlap: 40 at 30 Hz are only two steps of motion."""
+"""Least number of blocks, and of pairs. Fewer blocks give no spread. The pairs overlap: 40 at 30 Hz are only two steps
+of motion.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SecondOpinion:
-    """The closed-form estimate. `form` names the method that fitted the motion, "freehand" or "planar". `sigma` is
-    (5,): rotation in rad, relative scale.
+    """Holds the closed-form estimate.
+
+    `form` names the method that fitted the motion, "freehand" or "planar". `sigma` is (5,): rotation in rad, relative
+    scale.
     """
 
     form: str

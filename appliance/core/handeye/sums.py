@@ -1,4 +1,4 @@
-"""The sums that the translational forms need, kept up motion by motion: no cost grows with history."""
+"""Keeps up the sums that the translational forms need motion by motion, so that no cost grows with history."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,9 @@ from probewatch.drivers.rigid import Array, skew
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sums:
-    """Sums over weighted motions: weight Σ1, uu Σ u uᵀ (k, k) px², uv Σ u vᵀ (k, 3) px mm, vv Σ v vᵀ (3, 3) mm²."""
+    """Holds sums over weighted motions: weight Σ1, uu Σ u uᵀ (k, k) px², uv Σ u vᵀ (k, 3) px mm, vv Σ v vᵀ (3,
+    3) mm².
+    """
 
     weight: float
     uu: Array
@@ -18,16 +20,18 @@ class Sums:
 
     @classmethod
     def of(cls, u: Array, v: Array) -> "Sums":
-        """u: (n, k) px, v: (n, 3) mm."""
+        """Adds up n motions, u: (n, k) px, v: (n, 3) mm."""
         return cls(float(len(u)), u.T @ u, u.T @ v, v.T @ v)
 
     @classmethod
     def empty(cls, axes: int = 2) -> "Sums":
-        """No motion yet."""
+        """Returns the sums of no motion."""
         return cls(0.0, np.zeros((axes, axes)), np.zeros((axes, 3)), np.zeros((3, 3)))
 
     def after(self, u: Array, v: Array, keep: float = 1.0) -> "Sums":
-        """One motion more, u (k,), v (3,). keep ≤ 1: weight left to everything before; 1 / (1 − keep) motions count."""
+        """Returns the sums after one motion more, u (k,), v (3,). keep ≤ 1: weight left to everything before; 1 / (1 −
+        keep) motions count.
+        """
         return Sums(
             keep * self.weight + 1,
             keep * self.uu + np.outer(u, u),
@@ -36,7 +40,8 @@ class Sums:
         )
 
     def information(self, rotation: Array, scale: Array, noise_mm: float) -> Array:
-        """(6 + k) square, of rotation rad, relative scale, offset mm (none), for noise per axis of v.
+        """Returns the information, (6 + k) square, on rotation rad, relative scale, offset mm (none), for noise per
+        axis of v.
 
         Only what the picture shows counts: [Λu]× and Λu, not v, whose noise would pass for motion.
         """
@@ -51,7 +56,7 @@ class Sums:
         return information
 
     def noise_mm(self, rotation: Array, scale: Array) -> float:
-        """Standard deviation per axis and motion of what R_x v leaves of Λu, all three rows."""
+        """Returns the standard deviation, mm per axis and motion, of what R_x v leaves of Λu, over all three rows."""
         k = len(scale)
         cross = np.zeros((3, 3))
         cross[:k] = scale[:, None] * self.uv

@@ -1,1 +1,1 @@
-"""X: the calibration that explains the path of the picture by the path of the sensor."""
+"""Estimates X, the calibration that explains the path of the picture by the path of the sensor."""

@@ -1,5 +1,5 @@
-"""Blocks of a path, and what each part of its noise is over them: white tracker noise, walks, what leaving the plane
-adds, breathing and pulse (docs/method.md, section 7).
+"""Groups a path into blocks and gives the covariance over them of each part of its noise: white tracker noise, walks,
+what leaving the plane adds, breathing and pulse (docs/method.md, section 7).
 """
 
 from dataclasses import dataclass
@@ -13,50 +13,59 @@ from probewatch.appliance.core.times import QUIET_BREATH_S
 from probewatch.drivers.rigid import Array
 
 _BLOCK_S, _MOST_BLOCKS = 0.1, 200
-"""Pictures of one chain within this time count as one, at their mean. Longer loses the quick part of a tremor, which
-ends at 8 Hz; shorter costs time with the third power of the blocks, so a long window has longer ones.
+"""Time, s, within which pictures of one chain count as one block, at their mean, and the largest number of blocks. A
+longer time loses the quick part of a tremor, which ends at 8 Hz; a shorter one costs time with the third power of the
+number of blocks, so a long window has longer ones.
 """
 LATERAL, AXIAL, TURN, ELEVATIONAL = range(4)
-"""Rows of a residual. Where the motion is known to be planar, elevational position and the two tilts follow."""
+"""Rows of a residual. Where the motion is known to be planar, the elevational position and the two tilts follow."""
 POSITIONS = (LATERAL, AXIAL, ELEVATIONAL)
 WHITE, WALK, WAY, SLANT, MEMORY, BREATHING, PULSE = range(7)
-"""The parts, in the order of `Noise.variances`; from BREATHING on the tissue's own."""
+"""The parts of the noise, in the order of `Noise.variances`; those from BREATHING on are the tissue's own motion."""
 PARTS = PULSE + 1
-"""How many they are."""
+"""Number of these parts."""
 TRACKER = [WHITE, MEMORY]
-"""Those of the poses: they are in the path that is predicted, and in its derivatives."""
+"""Parts that come from the poses: they are in the path that is predicted, and in its derivatives."""
 _SLANT_MM = 3.0
-"""Way out of the plane over which a slanted structure goes on shifting the picture alike: twice the thickness of the
-slice. Longer asks for more motion: with 2 and 3 mm the errors of the rotation about lateral, about axial and of the
-elevational offset were 1.20, 1.22, 1.17 and 1.07, 1.21, 1.05 of their sigmas (gesture of 8 s on rigid tissue, ten
-seeds); with ways of the picture's middle alone, 1.87, 1.41 and 1.66.
+"""Out-of-plane displacement, mm, over which a slanted structure keeps shifting the picture in the same manner: twice
+the thickness of the slice. A longer one asks for more motion: with 2 and 3 mm the errors of the rotations about lateral
+and about axial and of the elevational offset were 1.20, 1.22, 1.17 and 1.07, 1.21, 1.05 of their sigmas (gesture of 8 s
+on rigid tissue, ten seeds); with displacements of the picture's middle alone they were 1.87, 1.41 and 1.66.
 """
 _LEADING = 3
-"""Ways and tilts out of the plane, which lead a registration astray; a turn in it only changes the speckle: a rock by
-16° left .02 mm and .06°, a fan .07 mm and .23° (eight seeds).
+"""Number of leading rows, displacement and tilts out of the plane, that mislead a registration. The turn in the plane,
+which follows them, only changes the speckle: a rock by 16° left .02 mm and .06°, a fan .07 mm and .23° (eight seeds).
 """
 _SMOOTH_BLOCKS = 5
-"""Over which the way out of the plane is smoothed before its length is taken: tracker noise alone would go 3 mm/s."""
+"""Number of blocks over which the out-of-plane displacement is smoothed before its length is taken: tracker noise alone
+would otherwise add 3 mm/s to it.
+"""
 _BREATHING_S, _PULSE_S = QUIET_BREATH_S / 4, 0.15
-"""After which the tissue's own motion no longer knows its way: a quarter of a quiet breath, and of a beat. A rhythm
-fitted over half a minute draws the axial scale by ten of its sigmas once breaths differ by a tenth from one another
-(four seeds of the study's tissue); this does not.
+"""Times, s, over which the tissue's own motion stays correlated: a quarter of a quiet breath, and of a beat. A rhythm
+fitted over half a minute biases the axial scale by ten of its sigmas as soon as breaths differ by a tenth from one
+another (four seeds of the study's tissue); this model does not.
 """
 _MEMORY_S = 0.15
-"""After which a tracker that filters its poses has forgotten a reading: exp(−t/.15 s) is .9 from one at 60 Hz to the
-next. Taken for a pulse, such noise was deemed to be in the picture, and drew the scales. Other memories were not tried.
+"""Time constant, s, with which a tracker that filters its poses forgets a reading: exp(−t/.15 s) is .9 from one reading
+at 60 Hz to the next. When such noise was taken for a pulse, it was deemed to be in the picture and biased the scales.
+Other time constants were not tried.
 """
 AGREEMENT_LAG_S = 0.5
-"""Over which the two paths are compared. Shorter, tracker noise spoils the correlation of good calibrations; longer,
-few steps are independent in a window of 3.5 s. Not measured.
+"""Time, s, over which the steps of the two paths are compared. With a shorter one, tracker noise spoils the correlation
+of good calibrations; with a longer one, few steps are independent in a window of 3.5 s. Not measured.
 """
 _LEAST_MOVED_MM = 0.2
-"""Standard deviation of those steps along an axis, below which it has not moved and its correlation would be noise."""
+"""Standard deviation, mm, of those steps along an axis, below which there was no motion along it and its correlation
+would be noise.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class Blocks:
-    """m blocks of a path, in time order: t_s, chain and count of pictures (m,); starts: index of each one's first."""
+    """Represents m blocks of a path, in time order.
+
+    t_s, chain and count of pictures: (m,). starts: index of the first picture of each block.
+    """
 
     t_s: Array
     chain: NDArray[np.int64]
@@ -65,7 +74,7 @@ class Blocks:
 
     @classmethod
     def of(cls, t_s: Array, chain: NDArray[np.int64]) -> "Blocks":
-        """t_s, chain: (n,) of pictures in time order, those of a chain side by side."""
+        """Groups pictures into blocks. t_s, chain: (n,) of pictures in time order, those of a chain side by side."""
         block_s = max(_BLOCK_S, float(np.ptp(t_s)) / _MOST_BLOCKS)
         tick = np.floor(t_s / block_s).astype(np.int64)
         starts = np.flatnonzero(np.diff(tick, prepend=tick[0] - 1) | np.diff(chain, prepend=chain[0] - 1))
@@ -76,15 +85,17 @@ class Blocks:
         return int(self.t_s.size)
 
     def last(self, n: int) -> "Blocks":
-        """The last n blocks of the path, not of its pictures: `starts` counts from the first picture of all."""
+        """Returns the last n blocks. They belong to the path, not to its pictures: `starts` counts from the first
+        picture of all.
+        """
         return Blocks(self.t_s[-n:], self.chain[-n:], self.count[-n:], self.starts[-n:])
 
     def means(self, columns: Array) -> Array:
-        """(…, n) of pictures → (…, m) of blocks."""
+        """Returns the mean of each block: (…, n) of pictures → (…, m) of blocks."""
         return np.asarray(np.add.reduceat(columns, self.starts, axis=-1) / self.count)
 
     def without_offsets(self, values: Array) -> Array:
-        """(…, m) less the mean of each chain."""
+        """Returns values (…, m) less the mean of each chain."""
         left = np.array(values)
         for chain in np.unique(self.chain):
             own = self.chain == chain
@@ -92,13 +103,13 @@ class Blocks:
         return left
 
     def steps(self, path: Array, lag: int) -> Array:
-        """(k,) of a path (m,), over so many blocks within one chain."""
+        """Returns the steps (k,) of a path (m,) over `lag` blocks, each within one chain."""
         same = self.chain[lag:] == self.chain[:-lag]
         return np.asarray((path[lag:] - path[:-lag])[same])
 
     def agreement(self, seen_mm: Array, missed_mm: Array, lag_s: float = AGREEMENT_LAG_S) -> float:
-        """Correlation of a measured path (m,) with the predicted, of which it differs by what was missed, over lag_s;
-        NaN where the probe has not moved, or for less than that.
+        """Returns the correlation of the steps over lag_s of a measured path (m,) with those of the predicted path,
+        which is the measured one less `missed_mm`; NaN where the probe has not moved, or for less than lag_s.
         """
         lag = max(1, round(lag_s / max(float(np.median(np.diff(self.t_s))), 1e-3)))
         moved, missed = self.steps(seen_mm, lag), self.steps(missed_mm, lag)
@@ -108,20 +119,20 @@ class Blocks:
 
     @cached_property
     def same(self) -> NDArray[np.bool_]:
-        """(m, m) of one chain."""
+        """Returns whether two blocks are of one chain, (m, m)."""
         return np.asarray(self.chain[:, None] == self.chain)
 
     @cached_property
     def apart_s(self) -> Array:
-        """(m, m)"""
+        """Returns the times between blocks, (m, m) s."""
         return np.asarray(np.abs(self.t_s[:, None] - self.t_s))
 
     def parts(self, away_mm: Array) -> Array:
-        """(PARTS, m, m): covariance of each part for variance 1. away_mm: (k, m) how far the picture is out of its
-        plane, as of `PathResidual`.
+        """Returns the covariance of each part for variance 1, (PARTS, m, m). away_mm: (k, m) how far the picture is out
+        of its plane, as of `PathResidual`.
 
-        White: mm² of one picture. Walks: mm² per s and per mm of way out of the plane. Slant: rad² of the slope.
-        Breathing and pulse: mm² of their size.
+        The variances have these units. White: mm² of one picture. Walks: mm² per s, and per mm travelled out of the
+        plane. Slant: rad² of the slope. Memory, breathing and pulse: mm² of their size.
         """
         places = np.stack([_smoothed(row) for row in np.atleast_2d(away_mm)])
         steps = np.diff(places, axis=1, prepend=places[:, :1])
@@ -133,7 +144,7 @@ class Blocks:
 
     @cached_property
     def _of_time(self) -> Array:
-        """(PARTS, m, m) as `parts`, but for those that ask for the way out of the plane."""
+        """Returns `parts`, (PARTS, m, m), with zeros for those that depend on the displacement out of the plane."""
         parts = np.zeros((PARTS, len(self), len(self)))
         parts[WHITE] = np.diag(1 / self.count)
         parts[WALK] = self._walk(self.t_s)
@@ -143,21 +154,23 @@ class Blocks:
         return parts
 
     def _remembered(self) -> Array:
-        """Means over whole blocks: within one, such noise averages out in part. Taken at the middles, it was learned
-        with half of its variance.
+        """Returns the covariance of noise with a memory, as means over whole blocks: within one, such noise averages
+        out in part. When it was evaluated at the middles of the blocks, it was learned with half of its variance.
         """
         usual_s = float(np.median(np.diff(self.t_s))) if len(self) > 1 else _BLOCK_S
         length_s = self.count / np.median(self.count) * usual_s
         covariance = self._of_means(length_s)
         gaps_s = np.diff(self.t_s)
         room_s = np.minimum(np.append(gaps_s, np.inf), np.append(np.inf, gaps_s))
-        # Blocks that overlap, where pictures were kept now and then, may have no covariance.
+        # Where only some pictures were kept, blocks may overlap and the matrix may not be positive definite.
         if np.any(length_s > room_s) and dpotrf(covariance, lower=True)[1]:
             covariance = self._of_means(np.minimum(length_s, room_s))
         return covariance
 
     def _of_means(self, length_s: Array) -> Array:
-        """Covariance of such means over times of this length about each block's; none where these overlap too far."""
+        """Returns the covariance of such means over intervals of length_s about the time of each block; it may not be
+        positive definite where these overlap too far.
+        """
         length = length_s / _MEMORY_S
         shared = np.sinh(length / 2) / (length / 2)
         covariance = np.exp(-self.apart_s / _MEMORY_S) * np.outer(shared, shared)
@@ -165,7 +178,9 @@ class Blocks:
         return np.asarray(covariance)
 
     def _walk(self, along: Array) -> Array:
-        """A walk that begins with each chain."""
+        """Returns the covariance of a random walk that begins with each chain. along: (m,) time or distance with which
+        its variance grows.
+        """
         _, first, index = np.unique(self.chain, return_index=True, return_inverse=True)
         since = along - along[first[index]]
         return np.where(self.same, np.minimum(since[:, None], since), 0.0)
@@ -178,8 +193,10 @@ def _smoothed(values: Array) -> Array:
 
 
 def _slant(places_mm: Array, steps_mm: Array) -> Array:
-    """(m, m) covariance of a way that slopes lead astray, which are alike in each direction at places near each other:
-    what is passed twice shifts the picture alike twice. places_mm, steps_mm: (k, m), middles of the steps.
+    """Returns the covariance (m, m) of a path that slanted structures mislead. Their slopes, one for each direction,
+    are alike at places near each other: a structure that is passed twice shifts the picture twice in the same manner.
+
+    places_mm, steps_mm: (k, m), middles of the steps and the steps.
     """
     square = np.square(places_mm).sum(axis=0)
     apart_mm = np.sqrt(np.maximum(square[:, None] + square - 2 * places_mm.T @ places_mm, 0.0))

@@ -1,4 +1,6 @@
-"""What a tracker's poses might mean instead of sensor → tracker: the few mistakes that drivers and exports make."""
+"""Lists what a tracker's poses might mean instead of sensor → tracker: the few mistakes that drivers and
+exports make.
+"""
 
 from collections.abc import Callable, Iterator, Mapping
 from enum import StrEnum
@@ -17,7 +19,7 @@ from probewatch.drivers.rigid import (
 
 
 class Convention(StrEnum):
-    """How the poses are to be read; the names of all but the first two are shown to people."""
+    """Names how the poses are to be read; the names of all but the first two are shown to users."""
 
     AGREED = "as agreed"
     FLIPPED = "picture flipped"
@@ -29,8 +31,8 @@ class Convention(StrEnum):
 
 
 _SAME_TURN_RAD = np.deg2rad(30.0)
-"""Between a swapped sensor and a flipped picture up to which they are the same: motion shows at most a few degrees of
-it, and the nearest other swaps are 90° apart. Not measured.
+"""Angle, rad, between a swapped sensor and a flipped picture, up to which they count as the same: motion shows it to at
+most a few degrees, and the nearest other swaps are 90° apart. Not measured.
 """
 
 
@@ -47,7 +49,9 @@ def _turned_back(poses: Array) -> Array:
 
 
 def _mirrored(axis: int) -> Callable[[Array], Array]:
-    """Frames of tracker and sensor whose axis points the other way, as left-handed programs have it."""
+    """Returns a reading in which this axis of the tracker's and the sensor's frames points the other way, as in
+    left-handed programs.
+    """
     mirror = np.eye(4)
     mirror[axis, axis] = -1.0
     return lambda poses: np.asarray(mirror @ poses @ mirror)
@@ -59,11 +63,11 @@ READINGS: Mapping[Convention, tuple[Callable[[Array], Array], ...]] = {
     Convention.TURNED_BACK: (_turned_back,),
     Convention.REORDERED: (_reordered(1), _reordered(-1)),
 }
-"""(n, 4, 4) as reported → (n, 4, 4) sensor → tracker, if that is the mistake."""
+"""Readings of the poses by convention: (n, 4, 4) as reported → (n, 4, 4) sensor → tracker, if that is the mistake."""
 
 
 def _right_angles() -> Iterator[Array]:
-    """(3, 3): the 23 proper rotations that put axes onto axes."""
+    """Yields the 23 proper rotations, (3, 3), that map axes onto axes; the identity is left out."""
     for places, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
         turn = np.zeros((3, 3))
         turn[range(3), places] = signs
@@ -73,12 +77,12 @@ def _right_angles() -> Iterator[Array]:
 
 _SWAPS = tuple(_right_angles())
 _FLIPS = tuple(np.diag([float(x), float(y), float(x * y)]) for x, y in ((-1, 1), (1, -1), (-1, -1)))
-"""What a flipped picture does to R_x (docs/method.md, equation 7)."""
+"""Matrices by which a flipped picture multiplies R_x (docs/method.md, equation 7)."""
 
 
 def turned_sensors(R: Array) -> Iterator[tuple[Convention, Array]]:
-    """(3, 3) sensor → picture as it would have to be: with the picture flipped, or with axes of the sensor swapped but
-    for swaps that are as good as a flip.
+    """Yields the rotations sensor → picture, (3, 3), as they would have to be: with the picture flipped, or with axes
+    of the sensor swapped, except for swaps that are as good as a flip.
     """
     flipped = [flip @ R for flip in _FLIPS]
     for turned in flipped:

@@ -1,7 +1,8 @@
-"""What explains the motion where calibration and poses at nearly no latency do not: a far lag, or a pose convention.
+"""Finds what explains the motion where calibration and poses at nearly no latency do not: a far lag, or another pose
+convention.
 
-Steps of the picture are held against those that the reference predicts, for every lag up to more than a second and for
-every convention; no parameter is fitted, so a wrong one cannot adapt. The answer only ever accuses: that the reference
+Steps of the picture are compared with those that the reference predicts, for every lag up to more than a second and for
+every convention. No parameter is fitted, so a wrong one cannot adapt. The answer only ever accuses: that the reference
 explains the motion is shown elsewhere, with its sigmas (docs/method.md, sections 5 and 9).
 """
 
@@ -20,45 +21,52 @@ from probewatch.appliance.types import Calibration
 from probewatch.drivers.rigid import Array
 
 _GRID_S = 0.025
-"""Between two lags; a parabola finds the best between them. Coarser than 40 ms jumps over the lag of an 8 Hz tremor."""
+"""Spacing of the lags, s; a parabola finds the best between them. A spacing of more than 40 ms skips the lag of an 8 Hz
+tremor.
+"""
 _FARTHEST_S, _NEAR_S = 1.2, 0.1
-"""Lags looked at, either way: of the reference, and of other conventions, whose tracker is as late as any that works.
-The farthest is more than is named, so that what lies beyond does not come in by its alias.
+"""Largest lags, s, positive or negative, that are searched: of the reference, and of other conventions, whose tracker
+is as late as any that works. The former is more than is named, so that the alias of a lag beyond it is not named
+instead.
 """
 NAMED_S = 1.0
-"""Farthest lag that is named. Beyond, a hand's next round may be meant: one takes 2 to 4 s."""
+"""Largest lag that is named, s. Beyond it, a hand's next round may be meant: one takes 2 to 4 s."""
 _STEP_S = 0.16
-"""Length of the steps. Longer ones let breathing in, which is slow; shorter ones drown in tracker noise."""
+"""Length of the steps, s. Longer ones let breathing in, which is slow; shorter ones drown in tracker noise."""
 _FLOORS = np.square([0.1, 0.1, np.deg2rad(0.03)])
-"""mm² and rad² in which lateral and axial steps and turns do not matter: noise of a tracker's two readings."""
+"""Squares, mm² and rad², of the lateral and axial steps and turns that do not matter: noise of a tracker's two
+readings.
+"""
 _LEAST_S = 0.6
-"""Length of the motion with poses at a lag, for that lag to be weighed: as long as two steps that share nothing. What
-less motion shows is too little for `MARGIN` anyway.
+"""Least duration, s, of the motion with poses at a lag for that lag to be weighed: as long as two steps that share
+nothing. What less motion shows is too little for `MARGIN` anyway.
 """
 _MOST_STEPS = 150
-"""A longer window leaves out every other step, and so on: they overlap, and cost time."""
+"""Largest number of steps. In a longer window every other step is left out, and so on: steps overlap, and cost time."""
 _LEAST_SCORE, MARGIN = 15.0, 15.0
-"""By how much, in log likelihood, the best must beat no motion at all, and everything else. Less takes the next round
-of a periodic motion for the lag; more names it later. Of 450 ms and each convention, the worst of the study's sessions
-(hold, tremor alone) has 40 and 25 within six seconds.
+"""Amounts, in log likelihood, by which the best explanation must beat no motion at all, and everything else. Less takes
+the next round of a periodic motion for the lag; more names it later. For 450 ms and for each convention, the worst of
+the study's sessions (hold, tremor alone) reaches 40 and 25 within six seconds.
 """
 _ALIKE, _LEAST_ALIKE = 0.8, 2
 """Agreement of predicted and seen steps, 1 for equal ones, and how many of the three rows must have it: breathing
 spoils the axial one. By chance the turn comes to .9 with other rows near 0.
 """
 _RECENT_NS = (1_200_000_000, 1_600_000_000, 2_000_000_000)
-"""Latest motion that is asked for a lag which has just begun, the shorter first. A shorter one shows no lag, as the
-poses of a late tracker are yet to come; a longer one holds what was before, and names it later. On paths of the study's
-hand without pictures every lag that was found (80 to 450 ms, -120, -300) was within 9 ms of the truth from 1.4 s after
-it had begun, and none of healthy motion was wrong by more than 7 ms."""
+"""Durations, ns, of the latest motion in which a lag that has just begun is searched for, the shortest first. A shorter
+one shows no lag, as the poses of a late tracker are yet to come; a longer one includes what was before, and names the
+lag later. On paths of the study's hand without pictures every lag that was found (80 to 450 ms, -120, -300) was within
+9 ms of the truth from 1.4 s after it had begun, and none of healthy motion was wrong by more than 7 ms.
+"""
 _APART_S = 0.15
-"""Lags nearer than this to the best belong to its peak: a quarter of the period of a tremor of 2 Hz."""
+"""Distance, s, within which lags belong to the peak of the best: a quarter of the period of a tremor of 2 Hz."""
 
 
 @dataclass(frozen=True, slots=True)
 class Explanation:
-    """What explains the motion far better than anything else. latency_s: as `Latency.value_s` is. margin: how far all
-    else is behind, in log likelihood.
+    """Represents what explains the motion far better than anything else.
+
+    latency_s: as `Latency.value_s`. margin: how far everything else is behind, in log likelihood.
     """
 
     convention: Convention
@@ -68,7 +76,9 @@ class Explanation:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Fits:
-    """Fits of one reading of the poses at k lags (k,) s: scores (k,), the lower the better, and agreement (3, k)."""
+    """Holds the fits of one reading of the poses at k lags (k,) s: scores (k,), the lower the better, and agreement (3,
+    k).
+    """
 
     convention: Convention
     lags_s: Array
@@ -82,7 +92,7 @@ class _Fits:
 
 def explain(window: PathWindow, reference: Calibration) -> Steps[Explanation | None]:
     """Returns what explains the motion; None where there is too little motion, where nothing explains it or where two
-    explain it equally well.
+    explanations do so equally well.
     """
     yield LAGS.of()
     steps = _Steps.of(window, reference)
@@ -97,9 +107,11 @@ def explain(window: PathWindow, reference: Calibration) -> Steps[Explanation | N
 
 
 def recent_lag(window: PathWindow, reference: Calibration, beyond_s: float) -> Steps[tuple[int, Explanation] | None]:
-    """A lag of more than beyond_s either way in the latest motion, and the stamp since which it explains that.
+    """Returns the stamp since which a lag of more than beyond_s, positive or negative, explains the latest motion, and
+    that lag.
 
-    None where the motion is as short as `explain` looks at anyway, where a lesser lag explains it, or nothing does.
+    Returns None where there is no more motion than `explain` searches anyway, where a smaller lag explains it, or where
+    nothing does.
     """
     for span_ns in _RECENT_NS:
         if window.span_ns < span_ns:
@@ -130,7 +142,9 @@ def _other_conventions(steps: "_Steps", reference: Calibration) -> Iterator[_Fit
 
 
 def _convincing(all_fits: list[_Fits]) -> Explanation | None:
-    """The best, where it explains the motion and nothing else does nearly as well."""
+    """Returns the best fit as an explanation, where it explains the motion and nothing else does nearly as well; None
+    otherwise.
+    """
     best = min(all_fits, key=lambda fits: float(fits.scores.min()))
     score, lag_s = float(best.scores[best.best]), best.lags_s[best.best]
     rivals = [
@@ -144,7 +158,7 @@ def _convincing(all_fits: list[_Fits]) -> Explanation | None:
 
 
 def _vertex(fits: _Fits) -> float:
-    """s: of the parabola through the best lag and its neighbours."""
+    """Returns the lag, s, at the vertex of the parabola through the best lag and its neighbours."""
     k = fits.best
     if not 0 < k < fits.scores.size - 1:
         return float(fits.lags_s[k])
@@ -155,8 +169,10 @@ def _vertex(fits: _Fits) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Steps:
-    """seen: (3, n) lateral and axial mm and turn rad over `_STEP_S`. begin, end: (n,) of each, in grid steps, with
-    `share` (2, n) of the next. poses: (m, 4, 4) on the grid. sensor: their steps. span_s: of the motion.
+    """Holds the steps of the picture over `_STEP_S` and the poses about them.
+
+    seen: (3, n) lateral and axial steps, mm, and turns, rad. begin, end: (n,) of each, in whole grid steps, with the
+    `share` (2, n) of the next. poses: (m, 4, 4) on the grid. sensor: their steps. span_s: duration of the motion.
     """
 
     seen: Array
@@ -182,6 +198,7 @@ class _Steps:
         if bracketed.size < 2:
             return None
         first, last = int(bracketed[0]), int(bracketed[-1]) + 1
+        # Places of the pictures on the grid of poses; a step counts if both its ends have poses at lag 0.
         place = (t_s - start_s) / _GRID_S - first
         within = (place >= 0) & (place + 1 < last - first)
         begins = np.flatnonzero((chain[ahead:] == chain[:-ahead]) & within[ahead:] & within[:-ahead])
@@ -197,12 +214,14 @@ class _Steps:
         return cls(seen, whole[0], whole[1], both - whole, poses, sensor, reference.offset_mm, span_s)
 
     def predicted(self, R: Array, sensor: SensorSteps | None = None) -> Array:
-        """(3, m): way of the picture on the grid that X = (R, offset) predicts, of this or another reading."""
+        """Returns the path of the picture on the grid, (3, m), that X = (R, offset) predicts from this or another
+        reading of the poses.
+        """
         moved, turned = picture_steps(R, self.offset_mm, sensor or self.sensor)
         return np.cumsum([moved[0], moved[1], turned[2]], axis=1)
 
     def fits(self, convention: Convention, path: Array, reach_s: float) -> _Fits:
-        """Fits at lags up to reach_s either way."""
+        """Returns the fits (18a) at lags up to reach_s either way."""
         lags = np.arange(-round(reach_s / _GRID_S), round(reach_s / _GRID_S) + 1)
         lags_s = np.asarray(lags * _GRID_S, dtype=np.float64)
         begin, end = self.begin + lags[:, None], self.end + lags[:, None]
@@ -212,6 +231,7 @@ class _Steps:
         moved = np.take(path, end, axis=1) - np.take(path, begin, axis=1)
         moved += self.share[1] * np.take(slope, end, axis=1) - self.share[0] * np.take(slope, begin, axis=1)
         moved *= reached
+        # The sums of (18a), for every lag at once; steps that a lag does not reach count in none of them.
         together = np.einsum("rn,rkn->rk", self.seen, moved)
         seen, predicted = np.square(self.seen) @ reached.T, np.square(moved).sum(axis=2)
         floor = np.maximum(reached.sum(axis=1), 1) * _FLOORS[:, None]

@@ -1,9 +1,9 @@
-"""Latency of the tracker against the video, from the two paths alone.
+"""Estimates the latency of the tracker against the video from the two paths alone.
 
-The centre of the picture goes its way w(t) as the tracker reports it; the picture's own path c(t) must be a linear map
-of it. For each candidate lag the best 2 × 3 map is fitted and what it leaves is the cost, so errors of scale and
-rotation of the calibration do not matter. Poses are smoothed over about one frame first: interpolation of noisy poses
-would otherwise favour half a frame (docs/method.md, section 5).
+The centre of the picture follows a path w(t) by the tracker; the picture's own path c(t) must be a linear map of it.
+For each candidate lag the best 2 × 3 map is fitted and its residual is the cost, so errors of scale and rotation of the
+calibration do not matter. Poses are first smoothed over about one frame: interpolation of noisy poses would otherwise
+favour half a frame (docs/method.md, section 5).
 """
 
 from dataclasses import dataclass
@@ -14,59 +14,63 @@ from numpy.typing import NDArray
 from probewatch.drivers.rigid import Array
 
 _GRID_S = 0.01
-"""Between two lags: a parabola finds the minimum between them. Finer costs time, coarser than a third of a picture at
-30 Hz flattens it.
+"""Spacing of the lags, s: a parabola finds the minimum between them. A finer one costs time; one coarser than a third
+of a picture at 30 Hz flattens the minimum.
 """
 _REACH, _FAR_REACH, _NEAR = 30, 120, 8
-"""Lags looked at, in steps of the grid either way: all, all of a recording, and about the best. The farthest is more
-than is returned, so that the alias of a lag beyond that is not returned instead.
+"""Lags that are searched, in steps of the grid either way: in general, in a recording, and about the best lag. The
+farthest is more than is returned, so that the alias of a lag beyond that is not returned instead.
 """
 _FAR_S, _FAR_NATS, _APART_S = 1.0, 15.0, 0.15
-"""Farthest lag that is returned for a recording, and by how much, in log likelihood, it must beat every lag that is at
-least so far from it and no farther from zero. Less takes the next stroke for the lag, more returns none for more
-recordings. Of PLUS's water tank the next stroke is 23 behind, of its N-wire phantom every other lag 19; both were
-looked at.
+"""Largest lag that is returned for a recording, s; and by how much, in log likelihood, it must beat every lag that is
+at least `_APART_S`, s, from it and no farther from zero. Less takes the next stroke for the lag, more returns none for
+more recordings. In PLUS's water tank the next stroke is 23 behind, in its N-wire phantom every other lag is 19 behind;
+both recordings were looked at.
 """
 _NEAR_S = _GRID_S * np.arange(-_NEAR, _NEAR + 1, 2)
 _PARABOLA = np.linalg.pinv(np.vander(_NEAR_S, 3))
-"""(3, k): coefficients of the parabola through k values at `_NEAR_S`."""
+"""Matrix, (3, k), that gives the coefficients of the parabola through k values at `_NEAR_S`."""
 _STRIDE = 3
-"""One step in so many is looked at where all lags are: a third of the work. About the best lag, and of a recording, all
-steps are."""
+"""One step in this many is evaluated where all lags are searched: a third of the work. About the best lag, and in a
+recording, all steps are.
+"""
 _LAGS_S = (0.08, 0.16, 0.32)
-"""Lengths of the steps. Short ones show a lag sharply but drown in tracker noise, long ones the other way round; what
-they disagree by goes into sigma. Not varied by themselves.
+"""Lengths of the steps, s. Short ones show a lag sharply but drown in tracker noise, long ones the reverse; their
+disagreement goes into sigma. Not varied by themselves.
 """
 _LEAST = 12
-"""Pictures, poses, and steps of one length: twice the parameters that are fitted to them. At 30 Hz, .3 s are too few
-(tests/appliance/core/path/test_latency.py).
+"""Least number of pictures, of poses, and of steps of one length: twice the number of parameters that are fitted to
+them. At 30 Hz, .3 s are too few (tests/appliance/core/path/test_latency.py).
 """
 _LEAST_DEPTH = 5.0
-"""By how much, in log likelihood, the best lag must beat the usual one. Less takes chance for a lag, more leaves it
-unknown in slow sweeps. Not measured.
+"""Amount, in log likelihood, by which the best lag must beat the median one. Less takes chance for a lag, more leaves
+it unknown in slow sweeps. Not measured.
 """
 _VAGUE_S = 0.15
-"""Sigma from which a lag is none, half of the reach. More lets the solver sharpen chance: a window of 10 s that ended
-in 9 s of rest told .26 ± .33 s, of which the solver made +236 ± 5 ms on a punctual tracker. Less starts fewer solutions
-near the lag. Not varied.
+"""Sigma, s, from which there is no lag, half of the reach. More lets the solver sharpen chance: a window of 10 s that
+ended in 9 s of rest gave .26 ± .33 s, from which the solver made +236 ± 5 ms on a punctual tracker. Less starts fewer
+solutions near the lag. Not varied.
 """
 MEMORY_S = 0.35
-"""Steps that begin nearer to one another say the same. More widens sigma; with this it covers the error in 95 % of runs
-(tests/appliance/core/path/test_latency.py).
+"""Time, s, below which steps begin too close to one another to be independent. More widens sigma; with this one it
+covers the error in 95 % of runs (tests/appliance/core/path/test_latency.py).
 """
 _MAP_PARAMETERS = 6
-"""Parameters of the 2 × 3 map."""
+"""Number of parameters of the 2 × 3 map."""
 _DOUBTFUL = 4.0
-"""Square of what is left of a step ÷ the usual one, at which it counts half: twice the usual length. More lets single
-bad pictures decide, less forgets the very steps that show the lag. Not measured.
+"""Square of a step's residual ÷ the usual one, at which the step counts half: twice the usual length. More lets single
+bad pictures decide, less discards the very steps that show the lag. Not measured.
 """
 _ROBUST_ROUNDS = 3
-"""Fits of the map, each with the weights of the one before; each costs as much as the first. Not measured."""
+"""Number of fits of the map, each with the weights of the one before; each costs as much as the first. Not measured."""
 
 
 @dataclass(frozen=True, slots=True)
 class Latency:
-    """value_s > 0 where the tracker is late: the pose stamped t + value belongs to the image stamped t."""
+    """Represents a latency of the tracker and its sigma.
+
+    value_s > 0 where the tracker is late: the pose stamped t + value belongs to the image stamped t.
+    """
 
     value_s: float
     sigma_s: float
@@ -75,10 +79,11 @@ class Latency:
 def estimate_latency(
     t_s: Array, chain: NDArray[np.int64], path_mm: Array, pose_t_s: Array, centre_mm: Array
 ) -> Latency | None:
-    """t_s, chain (n,), path_mm (2, n): the picture's path. pose_t_s (m,), centre_mm (3, m): image centre in tracker
-    axes.
+    """Estimates the latency. t_s, chain (n,), path_mm (2, n): the picture's path. pose_t_s (m,), centre_mm (3, m):
+    image centre in tracker axes.
 
-    None where the motion does not show it: too short, too still, without a change of velocity, or not to `_VAGUE_S`.
+    Returns None where the motion does not show it: too short, too still, without a change of velocity, or not to
+    `_VAGUE_S`.
     """
     search = _Search.of(t_s, chain, path_mm, pose_t_s, centre_mm, _REACH, _STRIDE)
     found = None if search is None else search.latency(search.best(_REACH), _REACH)
@@ -88,9 +93,11 @@ def estimate_latency(
 def far_latency(
     t_s: Array, chain: NDArray[np.int64], path_mm: Array, pose_t_s: Array, centre_mm: Array
 ) -> Latency | None:
-    """The same up to a second either way, for a recording that is at hand as a whole. None also where another lag, no
-    farther from zero, explains the motion nearly as well. Strokes that are all alike explain a lag by half a stroke
-    more as well, so the far lag is returned only where it is better than the usual one by `_FAR_NATS`.
+    """Estimates the latency up to a second, positive or negative, for a recording that is at hand as a whole.
+
+    Returns None also where another lag, no farther from zero, explains the motion nearly as well. If all strokes are
+    alike, a lag of half a stroke more explains them as well, so the far lag is returned only where it is better than
+    the usual one by `_FAR_NATS`.
     """
     search = _Search.of(t_s, chain, path_mm, pose_t_s, centre_mm, _FAR_REACH, 1)
     if search is None:
@@ -106,8 +113,10 @@ def far_latency(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Search:
-    """lags: (k,) steps of the grid. rough: (k, lengths) scores of each, by one step of the path in some; score: (k,)
-    their mean. The lower, the better.
+    """Holds the scores of the lags that were searched; the lower, the better.
+
+    lags: (k,) steps of the grid. rough: (k, lengths) scores of each, by every `stride`-th step of the path; score: (k,)
+    their mean.
     """
 
     steps: "list[_Steps]"
@@ -127,7 +136,9 @@ class _Search:
         reach: int,
         stride: int,
     ) -> "_Search | None":
-        """Lags up to `reach` steps of the grid either way; None where pictures or poses are too few."""
+        """Searches lags up to `reach` steps of the grid either way; returns None where pictures or poses are
+        too few.
+        """
         if t_s.size < _LEAST or pose_t_s.size < _LEAST:
             return None
         period_s, range_s = float(np.median(np.diff(t_s))), (reach + _NEAR) * _GRID_S
@@ -142,17 +153,19 @@ class _Search:
         return cls(steps, places, lags, rough, rough.mean(axis=1))
 
     def best(self, reach: int) -> int:
-        """Index of the best lag up to `reach` either way."""
+        """Returns the index of the best lag up to `reach` either way."""
         return int(np.argmin(np.where(np.abs(self.lags) <= reach, self.score, np.inf)))
 
     def ahead_nats(self, best: int, reach: int) -> float:
-        """By how much, in log likelihood, it beats every other up to `reach` that is `_APART_S` or more from it."""
+        """Returns by how much, in log likelihood, this lag beats every other up to `reach` that is `_APART_S` or more
+        from it.
+        """
         apart = np.abs(self.lags - self.lags[best]) * _GRID_S >= _APART_S
         return float(self.score[apart & (np.abs(self.lags) <= reach)].min() - self.score[best])
 
     def latency(self, best: int, reach: int) -> Latency | None:
         """Returns the best lag as a latency; None where it lies at the end of the range that was searched, or is hardly
-        better than the usual one.
+        better than the median one.
         """
         if best in (0, len(self.lags) - 1) or np.median(self.score) - self.score[best] < _LEAST_DEPTH:
             return None
@@ -163,7 +176,7 @@ class _Search:
 
 
 class _Places:
-    """The centre's place so many grid steps after each picture, mm; linear on a grid of `_GRID_S`."""
+    """Interpolates the centre's place, mm, at grid steps after each picture, linearly on a grid of `_GRID_S`."""
 
     def __init__(self, t_s: Array, pose_t_s: Array, centre_mm: Array, range_s: float) -> None:
         start_s = t_s[0] - range_s - _GRID_S
@@ -174,18 +187,18 @@ class _Places:
         self._share = (t_s - start_s) / _GRID_S - index
 
     def at(self, steps: NDArray[np.int64]) -> Array:
-        """(k,) grid steps → (3, k, n)."""
+        """Returns the places at (k,) grid steps after each picture, (3, k, n) mm."""
         before = self._index + steps[:, None]
         low, high = (np.take(self._grid_mm, index, axis=1) for index in (before, before + 1))
         return np.asarray(low + self._share * (high - low))
 
 
 class _Steps:
-    """Displacements of the picture over `frames` frames, each within one chain, inside the span that every lag can
-    reach.
+    """Holds the displacements of the picture over `frames` frames, each within one chain, inside the span that every
+    lag can reach.
 
-    first: index of the picture where each begins. independent: degrees of freedom; a hand's motion and what the map
-    leaves of it change over about `MEMORY_S`.
+    first: index of the picture where each begins. independent: degrees of freedom; a hand's motion, and what the map
+    leaves of it, change over about `MEMORY_S`.
     """
 
     def __init__(
@@ -197,14 +210,17 @@ class _Steps:
         self.independent = max(2 * self.first.size / apart - _MAP_PARAMETERS, 0.0)
 
     def misfit(self, places_mm: Array, stride: int) -> Array:
-        """(3, k, n) for k lags → (k,) robust mean square, mm², of what no linear map of the tracker's steps explains.
+        """Returns the robust mean square, (k,) mm², of the residual of the best linear map of the tracker's steps at
+        each of k lags.
 
-        stride: one in how many steps is looked at.
+        places_mm: (3, k, n). stride: one step in this many is evaluated.
         """
         first = self.first[::stride]
         last = first + self._frames
         w = (np.take(places_mm, last, axis=2) - np.take(places_mm, first, axis=2)).swapaxes(0, 1)
         moved = np.take(self._path_mm, last, axis=1) - np.take(self._path_mm, first, axis=1)
+        # The cost of (16) by reweighted least squares, for all lags at once; a slight ridge keeps H invertible where
+        # the motion lacks a direction.
         weight = np.ones((len(w), first.size))
         left_square, middle = np.zeros_like(weight), first.size // 2
         for _ in range(_ROBUST_ROUNDS):
@@ -220,7 +236,9 @@ class _Steps:
 
 
 def _smoothed(t_s: Array, values: Array, width_s: float) -> Array:
-    """Triangular kernel that falls to zero at 1.5 × width_s, over irregular times (m,); values: (3, m)."""
+    """Returns values (3, m) at irregular times (m,), smoothed with a triangular kernel that falls to zero at 1.5 ×
+    width_s.
+    """
     reach = max(1, int(np.ceil(width_s / max(float(np.median(np.diff(t_s))), 1e-4))))
     total, weights = np.zeros_like(values), np.zeros(t_s.size)
     for shift in range(-reach, reach + 1):
@@ -232,16 +250,17 @@ def _smoothed(t_s: Array, values: Array, width_s: float) -> Array:
 
 
 def _scores(steps: list[_Steps], places_mm: Array, stride: int) -> Array:
-    """(3, k, n) → (k, lengths) −log likelihood of every step length, n/2 · log(cost)."""
+    """Returns −log likelihood, n/2 · log(cost), of every lag and step length, (k, lengths). places_mm: (3, k, n)."""
     costs = np.stack([s.misfit(places_mm, stride) for s in steps], axis=1)
     return np.asarray(np.log(costs + 1e-9) * [s.independent / 2 for s in steps])
 
 
 def _minimum(lags: Array, scores: Array, minima: Array, steps: list[_Steps]) -> Latency | None:
-    """The cost is a parabola about its minimum, which gives the value; that of the mean score gives sigma.
+    """Returns the latency at the minimum; None where there is none. The cost is a parabola about its minimum, which
+    gives the value; that of the mean score gives sigma.
 
-    Where the step lengths disagree about the minimum, the disagreement is part of sigma. minima: (lengths,) of each
-    over the whole range; one outside `lags` counts as it is.
+    Where the step lengths disagree about the minimum, the disagreement is part of sigma. minima: (lengths,) that of
+    each over the whole range; one outside `lags` counts as it is.
     """
     score, centre = scores.mean(axis=1), float(lags[len(lags) // 2])
     curvature = float(_PARABOLA[0] @ score)
@@ -256,7 +275,9 @@ def _minimum(lags: Array, scores: Array, minima: Array, steps: list[_Steps]) -> 
 
 
 def _parabola(y: Array) -> tuple[Array, Array]:
-    """Second coefficient and vertex, within half of the range, of the parabola through y, (k,) or (k, m)."""
+    """Returns the second coefficient and the vertex, within half of the range, of the parabola through y, (k,) or (k,
+    m).
+    """
     steepness, slope, _ = _PARABOLA @ y
     with np.errstate(divide="ignore", invalid="ignore"):
         vertex = np.where(steepness > 0, -slope / (2 * steepness), _NEAR_S[np.argmin(y, axis=0)])

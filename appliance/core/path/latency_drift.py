@@ -1,4 +1,4 @@
-"""A latency that drifts: what short windows found at their middles, carried on to now."""
+"""Tracks a latency that drifts: what short windows found at their middles is extrapolated to now."""
 
 from collections import deque
 from math import hypot, sqrt
@@ -9,32 +9,34 @@ from probewatch.appliance.core.path.latency import Latency
 from probewatch.appliance.core.times import CHANGE_WINDOW_NS
 
 _SPAN_NS, _LEAST_NS = 3 * CHANGE_WINDOW_NS // 2 + 250_000_000, 3 * CHANGE_WINDOW_NS // 2 - 250_000_000
-"""Span of the estimates on the line, at most and at least; one comes each .33 s. Much below one and a half windows a
-step within the limit looks like a drift beyond it; longer, a drift is named later: at 10 ms per s from 0, six seconds
-name it at 77 to 80 ms.
+"""Span, ns, of the estimates on the line, at most and at least; one estimate comes each .33 s. Much below one and a
+half windows, a step within the limit looks like a drift beyond it; with a longer span, a drift is named later: at 10 ms
+per s from 0, six seconds name it at 77 to 80 ms.
 """
 _FLOOR_S = 0.002
-"""Least scatter of the estimates about the line that is believed. Those of a healthy hand scatter by 1 to 2 ms."""
+"""Least scatter, s, of the estimates about the line that is believed. Those of a healthy hand scatter by 1 to 2 ms."""
 _SHARPEST_S = 0.015
-"""Sigma of an estimate up to which it counts: a quarter of the limit as shipped. Not measured."""
+"""Sigma, s, up to which an estimate counts: a quarter of the limit as shipped. Not measured."""
 _OVERLAP_NS = CHANGE_WINDOW_NS // 2
-"""Estimates nearer to one another say the same: half of their window."""
+"""Time, ns, below which estimates are too close to one another to be independent: half of their window."""
 _SIGNIFICANT = 4.0
-"""Sigmas from which a rate is a drift. Less carries noise on, more leaves a slow drift to the windows. Not measured."""
+"""Number of sigmas from which a rate is a drift. Less extrapolates noise, more leaves a slow drift to the windows. Not
+measured.
+"""
 
 
 class LatencyDrift:
-    """Estimates of the last seconds, and the line through them."""
+    """Tracks the estimates of the last seconds, and the line through them."""
 
     def __init__(self) -> None:
         self._estimates: deque[tuple[int, float]] = deque()
 
     def clear(self) -> None:
-        """Forget everything."""
+        """Discards all estimates."""
         self._estimates.clear()
 
     def note(self, t_ns: int, latency: Latency) -> None:
-        """Take the next estimate, which is of t_ns; one that is not later, or too uncertain, is left out."""
+        """Takes the next estimate, which is of t_ns; one that is not later, or too uncertain, is left out."""
         if not latency.sigma_s <= _SHARPEST_S or (self._estimates and t_ns <= self._estimates[-1][0]):
             return
         self._estimates.append((t_ns, latency.value_s))
@@ -42,7 +44,7 @@ class LatencyDrift:
             self._estimates.popleft()
 
     def carried_to(self, now_ns: int) -> Latency | None:
-        """What the latency is now; None where it does not move, or too little is known."""
+        """Returns the latency at now_ns; None where it does not drift, or too little is known."""
         if len(self._estimates) < 2 or self._estimates[-1][0] - self._estimates[0][0] < _LEAST_NS:
             return None
         if now_ns - self._estimates[-1][0] > _SPAN_NS:
@@ -53,6 +55,7 @@ class LatencyDrift:
         rate = float((t_s - middle_s) @ values) / (spread * t_s.size)
         left = values - values.mean() - rate * (t_s - middle_s)
         scatter_s = max(sqrt(float(np.square(left).mean())), _FLOOR_S)
+        # Windows overlap, so the estimates are fewer than they seem.
         independent = float(np.ptp(t_s)) / (_OVERLAP_NS / 1e9)
         rate_sigma = scatter_s / sqrt(independent * spread)
         if abs(rate) < _SIGNIFICANT * rate_sigma:

@@ -1,8 +1,8 @@
-"""Noise of the residual path as a sum of parts, whose variances are learned from the path itself.
+"""Models the noise of the residual path as a sum of parts, whose variances are learned from the path itself.
 
-A row of the path (lateral, axial, turn) is white tracker noise, a walk in time, what leaving the plane adds, breathing
+A row of the path (lateral, axial, turn) has white tracker noise, a walk in time, what leaving the plane adds, breathing
 and pulse, and one offset for each chain (docs/method.md, section 7). The parts are dense covariances over blocks of a
-tenth of a second or more: half a minute is two hundred blocks, few enough to be factorised for every solution.
+tenth of a second or more: half a minute makes two hundred blocks, few enough to be factorised for every solution.
 """
 
 from collections.abc import Iterable, Mapping
@@ -17,37 +17,44 @@ from probewatch.appliance.core.path.blocks import BREATHING, MEMORY, PARTS, POSI
 from probewatch.drivers.rigid import Array
 
 _LEFT = np.array([1.0, 0.04, 0.04, 0.04, 1.0, 0.002, 0.5])
-"""Share of each part's variance that is left where breaths are followed, to begin with; it is learned from there. More
-takes more rounds to come down, less to come up. What breathing without a rhythm leaves in the walks is not theirs.
+"""Share of each part's variance that is left at first where breaths are followed; it is learned from there. A larger
+one takes more rounds to come down, a smaller one to come up. What breathing without a rhythm leaves in the walks does
+not belong to them.
 """
 _PULSE_HZ = np.arange(0.7, 2.51, 0.05)
-"""Rates of a pulse that are tried: 42 to 150 a minute. Closer ones cost time and are the same to it (`_BEATS_S`)."""
+"""Pulse rates that are tried, Hz: 42 to 150 a minute. A closer spacing costs time and changes nothing, given
+`_BEATS_S`.
+"""
 _BEATS_S = 2.0
-"""For which a pulse keeps its rhythm: two beats, so 8 % beside the rate tried it is still that. Without a rhythm, a
-pulse hides the tremor: sigma of the axial scale would be .8 instead of .25 % with known breaths (in-plane, 30 s); a
-memory of 5 s gives no more.
+"""Time, s, for which a pulse keeps its rhythm: two beats, so that a rate 8 % beside the one tried still counts as that.
+Without a rhythm, a pulse hides the tremor: sigma of the axial scale would be .8 instead of .25 % with known breaths
+(in-plane, 30 s); a memory of 5 s gains nothing more.
 """
 _FASTEST = 3.0
-"""By which a variance may grow or shrink in one round: a part that the motion does not show would run away."""
+"""Factor by which a variance may grow or shrink in one round, squared where breaths are followed: without it, a part
+that the motion does not show would run away.
+"""
 _TINY = 1e-12
-"""Instead of zero where it divides: less than any motion shows of a variance."""
+"""Divisor used instead of zero: less than any motion shows of a variance."""
 _OFFSET_MM, _OFFSET_RAD = 1e3, 10.0
-"""Standard deviation of a chain's unknown offset: as good as unknown, and small enough for double precision."""
+"""Standard deviations, mm and rad, of a chain's unknown offset: as good as unknown, and small enough for double
+precision.
+"""
 POSITION_FLOORS, ANGLE_FLOORS = (
     np.square([0.02, 0.01, 0.01, 0.012, 1e-3, 1e-3, 1e-3]),
     np.square(np.deg2rad([0.01, 0.02, 0.02, 0.02, 1e-4, 1e-4, 1e-4])),
 )
-"""Least noise that is believed, of each part (mm, mm/√s, mm/√mm, rad, mm; rad for the turn): well below any tracker's,
-so that a window which happens to fit does not count as certain, and equal poses do not divide by zero. More would be
-reported as sigma of a tracker that is better. Not measured.
+"""Least noise that is believed, of each part (mm, mm/√s, mm/√mm, rad, mm; rad for the turn), squared: well below any
+tracker's, so that a window which happens to fit does not count as certain, and equal poses do not divide by zero.
+Larger floors would be reported as the sigma of a tracker that is better. Not measured.
 """
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Habit:
-    """What the breaths of one row of a path have in common.
+    """Holds what the breaths of one row of a path have in common.
 
-    shape_mm: (8,) as in the state of `appliance.core.path.breaths.Breaths`. length_s: usual.
+    shape_mm: (8,) as in the state of `appliance.core.path.breaths.Breaths`. length_s: the usual length.
     """
 
     shape_mm: Array
@@ -56,8 +63,11 @@ class Habit:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Noise:
-    """variances: (rows, PARTS), mm² or rad², in the units of `Blocks.parts`. followed: (rows, PARTS) what is left of
-    them where breaths are followed, NaN in rows where they are not. habits: of each row in which breaths were followed.
+    """Holds the sizes of the parts of a path's noise.
+
+    variances: (rows, PARTS), mm² or rad², in the units of `Blocks.parts`. followed: (rows, PARTS) what is left of them
+    where breaths are followed, NaN in rows where they are not. habits: those of each row in which breaths were
+    followed.
     """
 
     variances: Array
@@ -66,7 +76,9 @@ class Noise:
 
 
 def _left(variances: Array) -> Array:
-    """(PARTS,) where breaths begin to be followed. What of a pulse is without a rhythm may be the tracker's."""
+    """Returns the variances, (PARTS,), from which learning starts where breaths are followed. The part of a pulse that
+    has no rhythm may be the tracker's.
+    """
     left = variances * _LEFT
     left[MEMORY] += variances[PULSE] - left[PULSE]
     return np.asarray(left)
@@ -77,8 +89,8 @@ def _rhythm(apart_s: Array, hz: float) -> Array:
 
 
 def covariances(blocks: Blocks, parts: Array, noise: Noise) -> Array:
-    """(rows, m, m) mm² or rad² of the path, each chain with an unknown offset, by a noise that is known. parts:
-    of the blocks.
+    """Returns the covariance of the path, (rows, m, m) mm² or rad², each chain with an unknown offset, for noise that
+    is known. parts: those of the blocks.
     """
     is_mm = np.isin(np.arange(len(noise.variances)), POSITIONS)
     sizes = np.maximum(noise.variances, np.where(is_mm[:, None], POSITION_FLOORS, ANGLE_FLOORS))
@@ -89,9 +101,9 @@ def covariances(blocks: Blocks, parts: Array, noise: Noise) -> Array:
 class Whitener:
     """Whitens one row with one set of variances.
 
-    inverse: (m, m) of the covariance. log_volume: its log det. Factorised when first asked for anything: where breaths
-    are followed, every other one is replaced before that. Raises ValueError then, where the covariance is not positive
-    definite.
+    inverse: that of the covariance, (m, m). log_volume: log det of the covariance. It is factorised at the first use:
+    where breaths are followed, every other whitener is replaced before that. Raises ValueError then, where the
+    covariance is not positive definite.
     """
 
     def __init__(self, parts: Array, offsets: Array, variances: Array, followed: Array | None = None) -> None:
@@ -99,7 +111,7 @@ class Whitener:
 
     @cached_property
     def _tissue(self) -> Array:
-        """(m, m) covariance of the tissue's own motion."""
+        """Returns the covariance of the tissue's own motion, (m, m)."""
         flat = self._parts[BREATHING:].reshape(PARTS - BREATHING, -1)
         tissue = (self._variances[BREATHING:] @ flat).reshape(self._offsets.shape)
         if self._followed is not None:
@@ -108,7 +120,7 @@ class Whitener:
 
     @cached_property
     def _factor(self) -> Array:
-        """(m, m) lower triangle of Cholesky."""
+        """Returns the lower triangle of Cholesky, (m, m)."""
         flat = self._parts[:BREATHING].reshape(BREATHING, -1)
         C = (self._variances[:BREATHING] @ flat).reshape(self._offsets.shape)
         C += self._tissue
@@ -120,12 +132,12 @@ class Whitener:
 
     @cached_property
     def log_volume(self) -> float:
-        """Log det of the covariance."""
+        """Returns the log det of the covariance."""
         return 2 * float(np.log(self._factor.diagonal()).sum())
 
     @cached_property
     def inverse(self) -> Array:
-        """(m, m)."""
+        """Returns the inverse of the covariance, (m, m)."""
         lower, _ = dpotri(self._factor, lower=True)
         whole = lower + lower.T
         whole.ravel("K")[:: len(whole) + 1] /= 2
@@ -133,27 +145,29 @@ class Whitener:
 
     @cached_property
     def counted(self) -> Array:
-        """(2,) what the tracker's noise of variance 1, white and with a memory, pretends as information."""
+        """Returns the spurious information, (2,), from tracker noise of variance 1: white, and with a memory."""
         white = self.inverse.diagonal() @ self._parts[WHITE].diagonal()
         return np.array([white, np.vdot(self.inverse, self._parts[MEMORY])])
 
     @cached_property
     def pretended(self) -> float:
-        """What the tissue's own motion, which is in the picture's path, pretends as information on its scale."""
+        """Returns the spurious information on the scale from the tissue's own motion, which is in the picture's
+        path.
+        """
         return float(np.vdot(self.inverse, self._tissue))
 
     @cached_property
     def left_in(self) -> float:
-        """The same where the most likely motion of the tissue is taken out of the picture's path."""
+        """Returns the same where the most likely motion of the tissue is taken out of the picture's path."""
         share = self.inverse @ self._tissue
         return max(float(np.trace(share) - np.vdot(share.T, share)), 0.0)
 
     def tissue(self, path: Array) -> Array:
-        """(m,) the most likely motion of the tissue in a path (m,)."""
+        """Returns the most likely motion of the tissue, (m,), in a path (m,)."""
         return np.asarray(self._tissue @ self._pulled(path))
 
     def weighed(self, columns: Array, path: Array) -> Array:
-        """(p,) of columns (p, m) with a path (m,), by the inverse of the covariance."""
+        """Returns the products, (p,), of columns (p, m) with a path (m,), weighted by the inverse of the covariance."""
         return np.asarray(columns @ self._pulled(path))
 
     def _pulled(self, path: Array) -> Array:
@@ -161,24 +175,24 @@ class Whitener:
         return np.asarray(pulled)
 
     def white(self, columns: Array) -> Array:
-        """(…, m) → innovations (…, m), of unit variance and in time order."""
+        """Returns the innovations (…, m) of columns (…, m), of unit variance and in time order."""
         flat = columns.reshape(-1, columns.shape[-1])
         innovations, _ = dtrtrs(self._factor, flat.T, lower=True)
         return np.asarray(innovations.T).reshape(columns.shape)
 
     def coloured(self, innovations: Array) -> Array:
-        """(m,) innovations → (m,) of the row."""
+        """Returns the row, (m,), of which these are the innovations, (m,)."""
         return np.asarray(self._factor @ innovations)
 
 
 class LearnedNoise:
-    """The noise of the rows of one residual, learned by restricted maximum likelihood (REML): variances rise or fall
-    by the MM algorithm (Zhou, Hu, Zhou and Lange 2019), which never leaves the positive.
+    """Learns the noise of the rows of one residual by restricted maximum likelihood (REML): variances rise or fall by
+    the MM algorithm (Zhou, Hu, Zhou and Lange 2019), which keeps them positive.
     """
 
     def __init__(self, blocks: Blocks, parts: Array, noise: Noise, given: Array | None = None) -> None:
-        """parts: (PARTS, m, m) of the blocks. given: (k, m, m) covariance of the first k rows besides, whatever is
-        learned.
+        """Starts from `noise`. parts: (PARTS, m, m) of the blocks. given: (k, m, m) covariance that is added to the
+        first k rows, whatever is learned.
         """
         self._parts = [parts] * len(noise.variances)
         self._blocks = blocks
@@ -196,10 +210,10 @@ class LearnedNoise:
         return Whitener(self._parts[k], self._offsets[k], self.noise.variances[k], self._left_open.get(k))
 
     def learn(self, residual: Array, J: Array, covariance: Array) -> None:
-        """Learns the noise of a window. residual: (rows, m) at the estimate, free of outliers. J: (rows, p, m). Where
-        breaths are followed, only those rows learn, in longer steps: their variances fall far at first.
-
+        """Learns the noise of a window by (15). residual: (rows, m) at the estimate, free of outliers. J: (rows, p, m).
         covariance: (p, p) of θ, by the noise as it is.
+
+        Where breaths are followed, only those rows learn, in longer steps: their variances fall far at first.
         """
         variances, power = self.noise.variances.copy(), 1.0 if self._left_open else 0.5
         learning = list(self._left_open or range(len(self.rows)))
@@ -208,6 +222,7 @@ class LearnedNoise:
             pulled = row.inverse @ residual[k]
             lever = row.inverse @ J[k].T
             P = row.inverse - lever @ covariance @ lever.T
+            # Observed and expected size of each part, of whose ratio (15) takes the root.
             told = parts @ pulled @ pulled
             expected = parts.reshape(PARTS, -1) @ P.ravel()
             ratio = np.clip(told / np.maximum(expected, _TINY), _FASTEST**-2, _FASTEST**2)
@@ -220,14 +235,14 @@ class LearnedNoise:
             self.rows[k] = self._whitener(k)
 
     def breathing(self, k: int, path: Array) -> Array:
-        """(m,) the most likely breathing in a path (m,) of row k."""
+        """Returns the most likely breathing, (m,), in a path (m,) of row k."""
         own = self.noise.variances[k, BREATHING] * self._parts[k][BREATHING]
         return np.asarray(own @ (self.rows[k].inverse @ path))
 
     def expect_breaths(self, inside: Mapping[int, NDArray[np.bool_]], path: Array) -> None:
-        """Breaths are followed from here on: what is unlike them is left of the breathing, and a pulse has a rhythm.
+        """Starts to follow breaths: the breathing keeps only what is unlike them, and the pulse gets a rhythm.
 
-        inside: of each row with breaths, (m,) where there are any; elsewhere the breathing stays as it is. path:
+        inside: for each row with breaths, (m,) where there are any; elsewhere the breathing stays as it is. path:
         (rows, m).
         """
         first, variances = next(iter(inside)), self.noise.variances.copy()
@@ -243,19 +258,21 @@ class LearnedNoise:
         self._take(variances, inside)
 
     def follow(self, k: int, covariance: Array) -> Whitener:
-        """Row k from here on; covariance: (m, m) of what the breaths that are followed leave open."""
+        """Returns the whitener of row k from here on. covariance: (m, m) of what the breaths that are followed leave
+        open.
+        """
         self._left_open[k] = covariance + self._unfollowed[k]
         self.rows[k] = self._whitener(k)
         return self.rows[k]
 
     def left(self, rows: list[int]) -> Array:
-        """(rows, PARTS) as `Noise.followed`."""
+        """Returns the variances of these rows, (rows, PARTS), as in `Noise.followed`."""
         left = np.full_like(self.noise.variances, np.nan)
         left[rows] = self.noise.variances[rows]
         return left
 
     def _pulse_hz(self, k: int, path: Array) -> float:
-        """The rate of which row k holds most, by its noise without a pulse."""
+        """Returns the pulse rate, Hz, that row k shows most strongly by its noise without a pulse."""
         variances = self.noise.variances[k].copy()
         variances[PULSE] = self._floors[k, PULSE]
         row = Whitener(self._parts[k], self._offsets[k], variances)

@@ -1,4 +1,4 @@
-"""Poses of the last seconds, as the tracker's path between them."""
+"""Keeps the poses of the last seconds, and interpolates the tracker's path between them."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,21 +8,26 @@ from probewatch.drivers.rigid import Array, quaternion_from_rotation, rigid, rot
 from probewatch.drivers.samples import Matrix4
 
 _MOST_NEW = 1000
-"""Poses are turned into arrays when they are asked for, and unasked when there are so many."""
+"""Number of new poses at which they are turned into arrays without being asked for; otherwise that waits for a
+request.
+"""
 _NEIGHBOURS = 3.5
-"""Times from one pose to the next, as far as the next but one may be for a slope: in a gap of more than one lost pose a
-straight line is as good. Not varied."""
+"""Distance, in times from one pose to the next, up to which the next but one counts for a slope: in a gap of more than
+one lost pose a straight line is as good. Not varied.
+"""
 _HURRIES = np.array([10_000.0] * 3 + [50.0] * 4)
-"""mm/s² of each axis, and of a quaternion, half of 100 rad/s². A greater acceleration is no hand's, but an outlier or a
-slip, which a curve would spread to the readings beside it: of one pose that was off a lag of −329 ms was made. The
-press of the gesture has 280 mm/s², noise of .1 mm at 60 Hz three times that. Not varied.
+"""Accelerations that no hand reaches: mm/s² of each axis, and 1/s² of a quaternion, half of 100 rad/s². A greater one
+is an outlier or a slip, which a curve would spread to the readings beside it: one pose that was off led to a lag of
+−329 ms. The press of the gesture has 280 mm/s², noise of .1 mm at 60 Hz three times that. Not varied.
 """
 _NO_TRACK = np.zeros(0, dtype=np.int64), np.zeros((0, 3)), np.zeros((0, 4))
-"""Times, positions, turns."""
+"""Times, positions and quaternions of no pose."""
 
 
 def _steady(times_s: Array, places: Array) -> NDArray[np.bool_]:
-    """(n,) whether a hand may have made the way from the pose before (n, 7) to the one after; not at the ends."""
+    """Returns whether a hand may have moved from the pose before to the one after each, (n,); False at the ends.
+    places: (n, 7).
+    """
     steady = np.zeros(times_s.size, dtype=bool)
     apart_s = np.diff(times_s)
     speeds = np.diff(places, axis=0) / apart_s[:, None]
@@ -32,8 +37,9 @@ def _steady(times_s: Array, places: Array) -> NDArray[np.bool_]:
 
 
 def _cubic(times_s: Array, steady: NDArray[np.bool_], after: NDArray[np.intp], share: Array) -> Array:
-    """(4, …) weights of the poses after − 2 to after + 1 for a share of the way from after − 1 to after. The slope at a
-    pose is that between its neighbours; where there is none near, or no steady way, that of the straight line.
+    """Returns the weights, (4, …), of the poses after − 2 to after + 1 at a share of the step from after − 1 to after.
+    The slope at a pose is that between its neighbours; where no neighbour is near, or the motion is not steady, it is
+    that of the straight line.
     """
     length = np.take(times_s, after) - np.take(times_s, after - 1)
     rise, fall = share * (1 - share) ** 2, share**2 * (1 - share)
@@ -48,7 +54,7 @@ def _cubic(times_s: Array, steady: NDArray[np.bool_], after: NDArray[np.intp], s
 
 
 class PoseTrack:
-    """Poses of the last `span_ns`, interpolated between the two that bracket a time."""
+    """Keeps the poses of the last `span_ns`, and interpolates between the two that bracket a time."""
 
     def __init__(self, span_ns: int) -> None:
         self._span_ns = span_ns
@@ -56,32 +62,33 @@ class PoseTrack:
         self._times_ns, self._positions, self._turns = _NO_TRACK
 
     def add(self, t_ns: int, matrix: Matrix4) -> None:
-        """Take the next pose, in time order."""
+        """Takes the next pose, in time order."""
         self._new.append((t_ns, matrix))
         if len(self._new) >= _MOST_NEW:
             self._take_new()
 
     def clear(self) -> None:
-        """Forget everything."""
+        """Discards all poses."""
         self._new.clear()
         self._times_ns, self._positions, self._turns = _NO_TRACK
 
     def forget(self, since_ns: int) -> None:
-        """Poses at or after since_ns were stamped wrongly."""
+        """Discards the poses at or after since_ns, which were stamped wrongly."""
         self._take_new()
         kept = slice(None, np.searchsorted(self._times_ns, since_ns))
         self._times_ns, self._positions, self._turns = self._times_ns[kept], self._positions[kept], self._turns[kept]
 
     def arrays(self, origin_ns: int) -> tuple[Array, Array, Array]:
-        """Times s since origin_ns (m,), positions mm (m, 3), quaternions (m, 4) of continuous sign."""
+        """Returns times (m,), s since origin_ns, positions (m, 3), mm, and quaternions (m, 4) of continuous sign."""
         self._take_new()
         return (self._times_ns - origin_ns) / 1e9, self._positions, self._turns
 
     def at(self, t_s: Array, origin_ns: int) -> tuple[Array, NDArray[np.bool_]]:
-        """(…, n) s → (…, n, 4, 4) poses, whether each time is bracketed; small steps, so quaternions blend as numbers.
+        """Returns the poses (…, n, 4, 4) at t_s (…, n), and whether each time is bracketed. The steps are small, so
+        quaternions are blended as numbers.
 
-        A cubic (Catmull–Rom) goes through them: a straight line cuts the top off a motion to and fro, and a press that
-        takes .65 s lost .3 % of its way between poses at 60 Hz, three quarters of a percent at 40 Hz.
+        A cubic (Catmull–Rom) goes through the poses: a straight line cuts the top off a motion to and fro, and a press
+        that takes .65 s lost .3 % of its displacement between poses at 60 Hz, three quarters of a percent at 40 Hz.
         """
         times, positions, turns = self.arrays(origin_ns)
         if times.size < 2:
@@ -98,7 +105,7 @@ class PoseTrack:
         return rigid(rotation_from_quaternion(q), p), bracketed
 
     def as_now(self) -> "PoseTrack":
-        """The poses so far, whatever is added or forgotten here from now on."""
+        """Returns a track of the poses so far, which does not change when poses are added or discarded here."""
         self._take_new()
         track = PoseTrack(self._span_ns)
         track._times_ns, track._positions, track._turns = self._times_ns, self._positions, self._turns
@@ -111,6 +118,7 @@ class PoseTrack:
         matrices = np.array([matrix for _, matrix in self._new])
         self._new.clear()
         turns = np.concatenate([self._turns, quaternion_from_rotation(matrices[:, :3, :3])])
+        # A quaternion and its negative are one rotation: the sign nearer to the one before keeps the track continuous.
         known = max(len(self._turns), 1)
         opposed = np.sum(turns[known:] * turns[known - 1 : -1], axis=1) < 0
         turns[known:] *= np.cumprod(np.where(opposed, -1.0, 1.0))[:, None]

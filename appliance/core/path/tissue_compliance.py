@@ -12,57 +12,66 @@ from probewatch.appliance.types import DRAGS, PRESSES, Calibration, Motion
 from probewatch.drivers.rigid import Array
 
 _TILT = 0.08
-"""By how much the share of a turn that ∂u_y/∂x shows is from 1 at most, two sigmas included, for tissue that follows no
-press. More counts a press in tissue that follows by so much, and as large an error of the axial scale; less asks for
-more motion. In rigid tissue 1.004 ± .003 was seen, in soft .33 to .42 (gesture, seed 1)."""
+"""Largest deviation from 1, two sigmas included, of the share of a turn that ∂u_y/∂x shows, for tissue that follows no
+press. More takes tissue that follows by as much for rigid, with as large an error of the axial scale; less asks for
+more motion. In rigid tissue 1.004 ± .003 was seen, in soft .33 to .42 (gesture, seed 1).
+"""
 _DRAG = 0.15
-"""By what share of the face's lateral way the skin goes along at most, likewise, for skin that does not drag. In rigid
-tissue −.01 ± .01 was seen, where the skin sticks for 3 mm −.5 ± .06 (gesture, in-plane, seed 1); in tissue that follows
-a press .03 to .10 ± .03, and .34 to .58 ± .1 where its skin sticks for 2 mm (gesture, twelve runs)."""
+"""Largest share of the face's lateral displacement by which skin moves along, two sigmas included, that counts as no
+drag. In rigid tissue −.01 ± .01 was seen, where the skin sticks for 3 mm −.5 ± .06 (gesture, in-plane, seed 1); in
+tissue that follows a press .03 to .10 ± .03, and .34 to .58 ± .1 where its skin sticks for 2 mm (gesture, twelve runs).
+"""
 _MOST_HIDDEN = 0.05
 """Largest share by which tissue that counts as rigid may follow a press; the limit of a scale applies where it is
 tighter. The share is 1 less the product of both shares of a turn, by ∂u_y/∂x and by ∂u_x/∂y: a wrong ratio of the
-scales divides one by what it multiplies the other with. Where tissue followed by .1 and the axial scale was 10 % too
-small the first was 1.00, and the cart was OK (gesture, five runs); the product was .90 to .92 ± .01, over foam that
-follows by .05 .92 to .96, and in rigid gestures .985 to 1.021 ± .007 after 4 s. Of a turn narrower than LEAST_TURN_RAD
-it is asked only where the first alone hides twice the limit of a scale: ordinary motion in rigid tissue was verified
-after 8 s instead of 4.
+scales divides one by the factor with which it multiplies the other. Where tissue followed by .1 and the axial scale was
+10 % too small, the first was 1.00, and the cart was OK (gesture, five runs); the product was .90 to .92 ± .01, over
+foam that follows by .05 .92 to .96, and in rigid gestures .985 to 1.021 ± .007 after 4 s. For a turn narrower than
+LEAST_TURN_RAD it is evaluated only where the first alone hides twice the limit of a scale: otherwise ordinary motion in
+rigid tissue was verified after 8 s instead of 4.
 """
 _UNIFORM = 3**0.5
-"""By what the largest share is divided for the standard deviation of one that motion has not shown: any up to it is as
+"""Divisor of the largest share that gives the standard deviation of one that motion has not shown: any up to it is as
 likely. With 1, ordinary motion was verified after 12 s instead of 4 where no offsets are required (in-plane, seed 1).
 """
 _DEEP_MM = 40.0
-"""Depth of a picture from which skin that does not drag is recognised over tissue that follows a press. What is pressed
-out sideways draws the shear there by 2 %, in pictures of 21 mm by 5 to 11 %, and a scale was named falsely (half space
-of 20 mm); the term of the drag takes it up. 45 mm were tried, and nothing between. More is verified later."""
+"""Depth of a picture, mm, from which skin that does not drag is recognised over tissue that follows a press. What is
+pressed out sideways biases the shear there by 2 %, in pictures of 21 mm by 5 to 11 %, and a scale was named falsely
+(half space of 20 mm); the term of the drag takes it up. 45 mm were tried, and nothing between. More is verified later.
+"""
 _APART_S = 0.3
-"""Between the middles of the blocks of pictures that show it: as long as a hand's tremor turns one way."""
+"""Time, s, between the middles of the blocks of pictures that show it: as long as a hand's tremor turns one way."""
 _MISALIGNED = 0.35
-"""Standard deviation of what the picture turns by for one of the probe about its lateral or axial axis, as
+"""Standard deviation of the picture's turn per unit turn of the probe about its lateral or axial axis, as
 `Prior.tilt_rad`. More lets noise pass for a share; less takes a wrong rotation, which tilts the axis, for soft tissue:
-with .1, another probe was not recognised (gesture, two seeds)."""
+with .1, another probe was not recognised (gesture, two seeds).
+"""
 _LEAST_TURN = 0.1
-"""Share of the turn about the elevational axis that there must be about another, beside what goes along with it, for
-that axis to be looked at: of less the share is known ten times worse. Not varied."""
+"""Least turn about another axis that is independent of the turn about the elevational one, as a share of that, for the
+axis to be considered: with less, the share is known ten times worse. Not varied.
+"""
 _UNSHOWN_RAD = float(np.deg2rad(Limits().rotation_deg))
-"""Standard deviation of the axis where it is not looked at: of a rotation beyond its limit its own check tells."""
+"""Standard deviation of the axis, rad, where it is not considered: a rotation beyond its limit is found by its own
+check.
+"""
 _ANY = 10.0
-"""Standard deviation of a share of which nothing is supposed."""
+"""Standard deviation of a share about which nothing is supposed."""
 _ROUNDS = 3
-"""Alternations of share and noise: the noise only weighs the supposed deviations. Not varied."""
+"""Number of alternations of share and noise: the noise only weights the supposed deviations. Not varied."""
 _TINY = 1e-9
-"""Instead of zero where it divides."""
+"""Used as a divisor instead of zero."""
 _LEAST_STEPS = 6
 """Least number of steps between blocks: the sigma of fewer is no measure. Not varied."""
 
 
 Share = tuple[float, float]
-"""By what share one way goes along with another, and its sigma."""
+"""Share of one path that another shows, and its sigma."""
 
 
 class TissueMotion(NamedTuple):
-    """may: the bits DRAGS and PRESSES that motion has not excluded; 0 is rigid tissue. follows: the share by which it
+    """Represents what tissue may do.
+
+    may: the bits DRAGS and PRESSES that motion has not excluded; 0 is rigid tissue. follows: the share by which it
     follows a press, and its sigma; tissue that passes for rigid hides as large an error of the axial scale.
     """
 
@@ -71,21 +80,23 @@ class TissueMotion(NamedTuple):
 
     @property
     def surely(self) -> float:
-        """The share, less its sigma. More verifies less over rigid tissue, whose share errs by 1.2 %; with two sigmas
-        the contact closed on an axial scale wrong by 8 % over foam that follows by 5 %.
+        """Returns the share, less its sigma. A larger value verifies less over rigid tissue, whose share errs by 1.2 %;
+        with two sigmas taken off, the contact closed on an axial scale wrong by 8 % over foam that follows by 5 %.
         """
         return max(self.follows[0] - self.follows[1], 0.0)
 
     @property
     def hides(self) -> float:
-        """Returns the relative error of the axial scale that tissue which passes for rigid may hide: the share that it
-        surely follows by, and the sigma of that share, .03 after a narrow turn. Without the sigma the contact closed
+        """Returns the relative error of the axial scale that tissue which passes for rigid may hide: the share by which
+        it surely follows, and the sigma of that share, .03 after a narrow turn. Without the sigma the contact closed
         for 5 s in 30 on the same scale (in-plane, seeds 1 and 2).
         """
         return 0.0 if self.may & PRESSES else float(np.hypot(self.surely, self.follows[1]))
 
     def after(self, before: "TissueMotion") -> "TissueMotion":
-        """The same, of tissue that counted as rigid before with the share of before where that is known better."""
+        """Returns the same, but with the earlier share where tissue counted as rigid before and its share was known
+        better.
+        """
         kept = not before.may & PRESSES and before.follows[1] < self.follows[1]
         return self._replace(follows=before.follows) if kept else self
 
@@ -94,12 +105,14 @@ def possible_tissue_motion(
     before: int, seen: Sequence[Motion], poses: Array, reference: Calibration, scale_limit: float
 ) -> TissueMotion:
     """Returns what motion has not excluded; its bits are as before until motion shows otherwise. Tissue follows no
-    press where the picture tilts as the tracker turned; skin does not drag where it does not go along with the probe.
+    press where the picture tilts as the tracker turned; skin does not drag where it does not move along with the probe.
 
-    seen: with the path of tissue each. poses: (n, 4, 4) sensor → tracker at their times. scale_limit: relative.
+    seen: motions, each with the path of tissue. poses: (n, 4, 4) sensor → tracker at their times. scale_limit:
+    relative.
     """
     if len(seen) < _LEAST_STEPS:
         return TissueMotion(before)
+    # Only steps between blocks that lie within one chain, both whole, count.
     t_s = np.array([motion.stamp.t_ns for motion in seen]) / 1e9
     block = np.cumsum(np.diff(t_s // _APART_S, prepend=0) != 0) - 1
     chain = np.array([motion.chain for motion in seen])
@@ -134,8 +147,9 @@ def possible_tissue_motion(
     reading = PRESSES | DRAGS * drags(DRAGS)
 
     def follows(read_as: int) -> Share:
-        """Read as drag of the skin as well, tissue that follows passes for rigid: a hand that rocks about an oblique
-        axis and hardly slides excludes no drag, and the share of the shear is 1.02 ± .04 instead of .94 ± .03.
+        """Returns the share by which tissue follows a press, by one reading. Read as drag of the skin as well, tissue
+        that follows passes for rigid: a hand that rocks about an oblique axis and hardly slides excludes no drag, and
+        the share of the shear is 1.02 ± .04 instead of .94 ± .03.
         """
         shear_rad = steps(np.array([path.path_rad[read_as] for path in tissue])) * lateral * axial
         shear = _share_of_turn(turns_rad, shear_rad, pressed)
@@ -150,19 +164,20 @@ def possible_tissue_motion(
     if presses and 2 * abs(reference.face_mm[1]) < _DEEP_MM:
         return TissueMotion(DRAGS | PRESSES)
     may = PRESSES * presses | DRAGS * drags(DRAGS | PRESSES * presses)
-    late = abs(tilt[0] - 1) > _TILT  # A tracker that lags makes both shares of a turn less.
+    late = abs(tilt[0] - 1) > _TILT  # A tracker that lags reduces both shares of a turn.
     return TissueMotion(may) if late else TissueMotion(may, _shrunk(*shares[0], most / _UNIFORM))
 
 
 def _share_of_turn(turns_rad: Array, seen_rad: Array, doubted: bool) -> Share:
-    """By what share `seen_rad` (n,) goes along with the turn about the elevational axis, or about one near it that the
-    motion shows. turns_rad: (3, n). doubted: what is unknown of the axis counts. It excuses no tissue that was taken
-    for rigid, and whose turn by ∂u_x/∂y says that it follows.
+    """Returns the share of the turn about the elevational axis, or about one near it that the motion shows, that
+    `seen_rad` (n,) shows. turns_rad: (3, n). doubted: whether the uncertainty of the axis counts. It does not excuse
+    tissue that was taken for rigid and whose turn by ∂u_x/∂y shows that it follows.
 
-    An axis beside it is that of a probe that is held otherwise than the reference says, and no softer. It is looked for
-    only where the probe turns about it by itself: of two turns that go along with each other but for the tracker's
-    noise, the fit takes a mean, which has less noise and is a smaller share. A probe whose turns all go along was taken
-    for one over soft tissue for as long as that lasted (share .96 ± .002 of 1; seed 137 of the invariant's cart).
+    A turn about a neighbouring axis is that of a probe held otherwise than the reference states, and no sign of softer
+    tissue. Such an axis is looked for only where the probe turns about it independently: of two turns that are
+    proportional but for the tracker's noise, the fit takes a mean, which has less noise and is a smaller share. A probe
+    whose turns were all proportional was taken for one over soft tissue for as long as that lasted (share .96 ± .002 of
+    1; seed 137 of the invariant's cart).
     """
     elevational = turns_rad[2]
     along = turns_rad[:2] @ elevational / max(float(elevational @ elevational), _TINY)
@@ -176,8 +191,8 @@ def _share_of_turn(turns_rad: Array, seen_rad: Array, doubted: bool) -> Share:
 
 
 def _share(predicted: Array, seen: Array, supposed: Array) -> Share:
-    """By what share `seen` (n,) goes along with any of `predicted` (k, n), or with what lies between them. supposed:
-    (k,) standard deviation of each coefficient.
+    """Returns the share of `predicted` (k, n), or of a combination of its rows, that `seen` (n,) shows. supposed: (k,)
+    standard deviation of each coefficient.
     """
     left = float(np.mean(np.square(seen)))
     for _ in range(_ROUNDS):
@@ -185,27 +200,31 @@ def _share(predicted: Array, seen: Array, supposed: Array) -> Share:
         shares = covariance @ predicted @ seen / max(left, _TINY)
         left = float(np.mean(np.square(seen - shares @ predicted)))
     length = float(shares @ shares)
-    longer = float(np.trace(covariance))  # By noise.
+    longer = float(np.trace(covariance))  # Noise lengthens the square by this much on average.
     sigma = np.sqrt(float(shares @ covariance @ shares) / max(length, _TINY))
     return float(np.sqrt(max(length - longer, 0.0))), float(sigma)
 
 
 def _shrunk(share: float, sigma: float, supposed: float) -> Share:
-    """The share where none is as likely as any within `supposed`, its standard deviation, before motion shows it."""
+    """Returns the share and its sigma, shrunk towards zero: before motion shows it, the share is supposed to be zero
+    with the standard deviation `supposed`.
+    """
     kept = supposed**2 / (supposed**2 + sigma**2)
     return share * kept, sigma * float(np.sqrt(kept))
 
 
 def _may_be_other(before: bool, due: float, most: float, share: float, sigma: float) -> bool:
-    """Whether a share may be further than that from the one that is due; as before where the motion does not say."""
+    """Returns whether a share may differ from the due one by more than `most`; as before where the motion does not show
+    it.
+    """
     beyond = abs(share - due) - most
     return beyond > -2 * sigma if before else beyond > 2 * sigma
 
 
 def _may_follow(before: bool, tilt: Share, share: Share, most: float) -> bool:
-    """Whether tissue follows by more than `most`; as before where the motion does not say.
+    """Returns whether tissue follows by more than `most`; as before where the motion does not show it.
 
-    A tracker that begins to lag makes both shares of a turn less, and then the first is not near 1.
+    A tracker that begins to lag reduces both shares of a turn, and then the first is not near 1.
     """
     beyond, sigma = share[0] - most, share[1]
     return beyond > -sigma if before else beyond > 2 * sigma and abs(tilt[0] - 1) <= _TILT

@@ -1,4 +1,4 @@
-"""The two paths of the last seconds side by side: the picture's along its keyframe chain, the sensor's from the
+"""Holds the two paths of the last seconds side by side: the picture's along its keyframe chain, the sensor's from the
 tracker.
 """
 
@@ -17,19 +17,23 @@ from probewatch.appliance.types import DRAGS, PRESSES, Calibration, Motion
 from probewatch.drivers.rigid import Array, ComplexArray, rigid, rotation_from_quaternion
 
 _APART_S = 0.1
-"""Between the poses that the velocity comes from. Shorter than some pose periods, tracker noise drowns it; longer, the
-turns of a hand are smoothed away.
+"""Time, s, between the poses from which the velocity is computed. With one shorter than some pose periods, tracker
+noise drowns it; with a longer one, the turns of a hand are smoothed away.
 """
 _BEFORE_S = 0.5
-"""Poses before the first picture that the search for the latency gets: more than the .38 s that it looks back."""
+"""Time, s, before the first picture from which the search for the latency gets poses: more than the .38 s that it looks
+back.
+"""
 _FAR_BEFORE_S = 1.5
-"""The same of a whole recording, where it looks back by 1.28 s."""
+"""The same for a whole recording, where the search looks back by 1.28 s."""
 _SPARE_NS = 2_000_000_000
-"""Poses kept for longer than pictures: the latency search and the velocity reach beyond both ends of the window."""
+"""Time, ns, for which poses are kept longer than pictures: the latency search and the velocity reach beyond both ends
+of the window.
+"""
 
 
 class PathWindow:
-    """Registered pictures of the last `span_ns` and the poses around them."""
+    """Holds the registered pictures of the last `span_ns` and the poses around them."""
 
     def __init__(self, reference: Calibration, span_ns: int = SWEEP_WINDOW_NS) -> None:
         self._reference = reference
@@ -44,7 +48,7 @@ class PathWindow:
         return len(self._seen)
 
     def add(self, motion: Motion) -> None:
-        """Take one usable motion."""
+        """Takes one usable motion."""
         self._changed()
         self._seen.append(motion)
         while self._seen[0].stamp.t_ns < motion.stamp.t_ns - self._span_ns:
@@ -56,12 +60,14 @@ class PathWindow:
         self._seen.clear()
 
     def forget_tissue(self) -> None:
-        """Assumes again that the tissue gives way in every manner, because the probe may be on other tissue by now."""
+        """Assumes again that the tissue may follow a press and drag, because the probe may be on other tissue
+        by now.
+        """
         self._changed()
         self._tissue = TissueMotion(DRAGS | PRESSES)
 
     def forget(self, since_ns: int) -> None:
-        """Motion at or after since_ns was stamped wrongly."""
+        """Discards motion at or after since_ns, which was stamped wrongly."""
         self._changed()
         while self._seen and self._seen[-1].stamp.t_ns >= since_ns:
             self._seen.pop()
@@ -72,50 +78,58 @@ class PathWindow:
 
     @property
     def now_ns(self) -> int:
-        """Time of the latest motion; 0 while there is none."""
+        """Returns the time of the latest motion; 0 while there is none."""
         return self._seen[-1].stamp.t_ns if self._seen else 0
 
     @property
     def start_ns(self) -> int:
-        """Time of the first motion; 0 while there is none."""
+        """Returns the time of the first motion; 0 while there is none."""
         return self._seen[0].stamp.t_ns if self._seen else 0
 
     @property
     def span_ns(self) -> int:
-        """Time from the first motion to the latest."""
+        """Returns the time from the first motion to the latest."""
         return self._seen[-1].stamp.t_ns - self._seen[0].stamp.t_ns if self._seen else 0
 
     @property
     def stamps_err_s(self) -> float:
-        """Mean bound of the error of the stamps: what they may be wrong by together; 0 while there is no motion."""
+        """Returns the mean bound of the error of the stamps, s: what they may be wrong by together; 0 while there is no
+        motion.
+        """
         return float(np.mean([motion.stamp.err_ns for motion in self._seen])) / 1e9 if self._seen else 0.0
 
     def since(self, start_ns: int) -> "PathWindow":
-        """A window on what is not older than start_ns, sharing the poses."""
+        """Returns a window on what is not older than start_ns, which shares the poses."""
         window = PathWindow(self._reference, self._span_ns)
         window.poses, window._tissue = self.poses, self._tissue
         window._seen.extend(motion for motion in self._seen if motion.stamp.t_ns >= start_ns)
         return window
 
     def as_now(self) -> "PathWindow":
-        """Pictures and poses so far, whatever is added or forgotten here from now on."""
+        """Returns a window on the pictures and poses so far, which does not change when any are added or discarded
+        here.
+        """
         window = self.since(self.start_ns)
         window.poses = self.poses.as_now()
         return window
 
     def latency(self, about_s: float = 0.0) -> Latency | None:
-        """Lag of the tracker from the two paths, near about_s; None where the motion does not show it."""
+        """Returns the lag of the tracker from the two paths, near about_s; None where the motion does not show it."""
         paths = self._paths(about_s, _BEFORE_S)
         found = None if paths is None else estimate_latency(*paths)
         return None if found is None else Latency(found.value_s + about_s, found.sigma_s)
 
     def far_latency(self) -> Latency | None:
-        """The same up to a second either way, of all motion that is kept; None also where two lags explain it."""
+        """Returns the lag up to a second, positive or negative, from all motion that is kept; None also where two lags
+        explain it.
+        """
         paths = self._paths(0.0, _FAR_BEFORE_S)
         return None if paths is None else far_latency(*paths)
 
     def _paths(self, about_s: float, before_s: float) -> tuple[Array, NDArray[np.int64], Array, Array, Array] | None:
-        """As `estimate_latency` takes them, poses from so long before the first picture, at a lag of about_s."""
+        """Returns the arguments of `estimate_latency` at a lag of about_s, with poses from before_s before the first
+        picture.
+        """
         if len(self._seen) < 2:
             return None
         t_s, chain, u_px, alpha = self._arrays()
@@ -129,8 +143,8 @@ class PathWindow:
         return t_s, chain, np.stack([path.real, path.imag]), times[reach], predicted_path(poses, self._reference)
 
     def picture_steps(self) -> tuple[Array, NDArray[np.int64], Array] | None:
-        """t_s (n,) and chain (n,) of the pictures, and (3, n) their steps added up within each chain: lateral and axial
-        in the axes of the later picture, mm, and turn, rad. None below two.
+        """Returns t_s (n,) and chain (n,) of the pictures, and their steps added up within each chain, (3, n): lateral
+        and axial in the axes of the later picture, mm, and turn, rad. Returns None below two pictures.
         """
         if len(self._seen) < 2:
             return None
@@ -144,7 +158,7 @@ class PathWindow:
         return t_s, chain, np.stack([way.real, way.imag, np.cumsum(turn * same)])
 
     def samples(self, latency_s: float) -> PathSamples:
-        """The pictures whose poses are bracketed at the given latency."""
+        """Returns the pictures whose poses are bracketed at the given latency."""
         if not self._seen:
             return _NOTHING
         if latency_s not in self._samples_known:
@@ -165,20 +179,22 @@ class PathWindow:
 
     @property
     def tissue(self) -> int:
-        """DRAGS and PRESSES, unless motion had excluded them when `look_at_tissue` was last asked; 0 is rigid tissue,
-        as where the latest motion has no path of tissue.
+        """Returns DRAGS and PRESSES, unless motion had excluded them when `look_at_tissue` was last called; 0 is rigid
+        tissue, also where the latest motion has no path of tissue.
         """
         return 0 if self._seen and self._seen[-1].tissue is None else self._tissue.may
 
     @property
     def registered_as(self) -> int:
-        """Bits that registration allows: those of `tissue`, and PRESSES while rigid tissue may hide a share. Tissue
-        that follows by .05 shows .01 of it if registered as rigid, and .04 if it may follow.
+        """Returns the bits that registration allows: those of `tissue`, and PRESSES while rigid tissue may hide a
+        share. Tissue that follows by .05 shows .01 of it if registered as rigid, and .04 if it may follow.
         """
         return self.tissue | PRESSES * (self._tissue.surely > 0)
 
     def look_at_tissue(self, lag_s: float, scale_limit: float) -> int:
-        """The same by all of the window. lag_s: of the tracker. scale_limit: relative, as `possible_tissue_motion`."""
+        """Judges the tissue by all of the window and returns `tissue`. lag_s: that of the tracker. scale_limit:
+        relative, as for `possible_tissue_motion`.
+        """
         if self._seen and self._seen[-1].tissue is not None:
             self._changed()
             origin_ns = self._seen[0].stamp.t_ns
@@ -192,7 +208,7 @@ class PathWindow:
         return self.tissue
 
     def take_tissue(self, other: "PathWindow") -> None:
-        """Take over what another window has computed of the same motion."""
+        """Takes over what another window has computed about the tissue from the same motion."""
         self._changed()
         self._tissue = other._tissue
 
@@ -210,12 +226,14 @@ class PathWindow:
         return self._arrays_known
 
     def _picture_path(self, u_px: Array, alpha: Array) -> ComplexArray:
-        """(n,) mm, lateral + i · axial: image centre in the axes of the chain's first picture, −R(−α) Λ u."""
+        """Returns the image centre in the axes of the chain's first picture, (n,) mm, lateral + i · axial:
+        −R(−α) Λ u.
+        """
         lateral, axial = (u_px * self._reference.scale_mm_per_px).T
         return np.asarray(-np.exp(-1j * alpha) * (lateral + 1j * axial))
 
 
-_NO_POSES = np.zeros((0, 4, 4))  # no times, of (4, 4)
+_NO_POSES = np.zeros((0, 4, 4))  # a (4, 4) matrix for each of no times
 _NOTHING = PathSamples(
     t_s=np.zeros(0),
     chain=np.zeros(0, dtype=np.int64),
@@ -226,4 +244,4 @@ _NOTHING = PathSamples(
     later_poses=_NO_POSES,
     apart_s=_APART_S,
 )
-"""Samples of no picture."""
+"""Samples without a picture."""
