@@ -1,1 +1,1 @@
-"""One detector a file: what of the picture, the tracker and the calibration may be wrong. Pure."""
+"""Contains the detectors, one per file, of what may be wrong with picture, tracker and calibration. All are pure."""

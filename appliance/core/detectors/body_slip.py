@@ -1,5 +1,6 @@
-"""What the watches of a slipping marker body share: poses that wait for pictures to testify, and what a way of the
-picture plane makes of the body.
+"""Contains what the detectors of a slipping marker body share.
+
+Poses wait for pictures of the same time, and a motion of the picture plane is converted to one of the body.
 """
 
 from collections import deque
@@ -14,22 +15,24 @@ from probewatch.drivers.rigid import Array, angle_from_rotation, inverse, rigid,
 from probewatch.drivers.samples import Matrix4, Pose
 
 SHIFT_NS = 100_000_000
-"""How far before or after the tracker the pictures may show the same: the limit of the latency and one picture."""
+"""ns by which the pictures may show a motion before or after the tracker does: the limit of the latency and the period
+of one picture."""
 LAGS_NS = (-SHIFT_NS, -SHIFT_NS // 2, 0, SHIFT_NS // 2, SHIFT_NS)
-"""At which the way of the pictures is read."""
+"""Lags, ns, at which the path of the pictures is read."""
 DENIED = 1 / 3
-"""Share of the tracker's way out of the plane: where the pictures show less of it, it was none of the probe's.
-More calls a twist of the probe a slip where the beam is thick, less takes the ups and downs of likeness for a motion.
-Not measured on tissue."""
+"""Share of the tracker's motion out of the plane: where the pictures show less of it, the probe did not make it. A
+higher share calls a twist of the probe a slip where the beam is thick; a lower one takes fluctuations of the likeness
+for a motion. Not measured on tissue."""
 ALIKE = 0.3
-"""Likeness to its keyframe from which a picture that was followed is a witness. In the liveliest gesture it goes down
-to .38 (`probewatch study`, seed 1); a leap of 2 mm out of the plane leaves less than .2, and is not followed."""
+"""Likeness to its keyframe at or above which a picture that was followed counts as a witness. In the liveliest gesture
+it falls to .38 (`probewatch study`, seed 1); a leap of 2 mm out of the plane leaves less than .2, and such a picture is
+not followed."""
 _MOST_WAITING = 2_000
-"""Poses that wait for a picture to testify, 5 s of the fastest tracker; later they are forgotten."""
+"""Most poses that wait for a picture, 5 s of the fastest tracker; older ones are forgotten."""
 
 
 class BodySlip(Detector):
-    """A detector that overrides `see`, `_restart` and `checks`."""
+    """Keeps the poses that wait for a picture. A subclass overrides `see`, `_restart` and `checks`."""
 
     def __init__(self, limits: Limits, reference: Calibration) -> None:
         self._limits = limits
@@ -38,7 +41,7 @@ class BodySlip(Detector):
         self._waiting: deque[tuple[int, Matrix4]] = deque(maxlen=_MOST_WAITING)
 
     def pose(self, pose: Pose) -> None:
-        """See Detector; it waits for a picture of its time."""
+        """See Detector. The pose waits for a picture of its time."""
         assert pose.matrix is not None
         self._waiting.append((pose.stamp.t_ns, pose.matrix))
 
@@ -53,24 +56,24 @@ class BodySlip(Detector):
         self.pause(since_ns)
 
     def forget_poses(self, since_ns: int) -> None:
-        """See Detector; the poses before are forgotten as well."""
+        """See Detector. Earlier poses are forgotten as well."""
         self._restart()
         self._waiting.clear()
 
     def _restart(self) -> None:
-        """Forget the path of the body so far."""
+        """Forgets the path of the body so far."""
         raise NotImplementedError
 
     def _spoils(self, way: Array) -> bool:
-        """Whether a way of the picture plane (6,) alone would bring the body beyond a limit."""
+        """Returns whether a motion of the picture plane, (6,), would by itself move the body beyond a limit."""
         moved_mm, turned_rad = extent(self._of_body(way))
         return moved_mm > self._limits.offset_mm or turned_rad > np.deg2rad(self._limits.rotation_deg)
 
     def _of_body(self, way: Array) -> Matrix4:
-        """(4, 4) in sensor axes of a way of the picture plane (6,), mm and rad."""
+        """Returns a motion of the picture plane, (6,) in mm and rad, as a motion in sensor axes, (4, 4)."""
         return np.asarray(self._back @ rigid(rotation_from_vector(way[3:]), way[:3]) @ self._X)
 
 
 def extent(step: Matrix4) -> tuple[float, float]:
-    """Length mm and angle rad of a rigid step."""
+    """Returns the length, mm, and the angle, rad, of a rigid step."""
     return hypot(*step[:3, 3].tolist()), angle_from_rotation(step[:3, :3])

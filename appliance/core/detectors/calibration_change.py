@@ -1,4 +1,4 @@
-"""Each parameter of the solved calibration against the reference: shown inside, shown outside, or not shown."""
+"""Checks each parameter of the solved calibration against the reference: inside its limit, outside it, or not shown."""
 
 from dataclasses import replace
 from math import hypot, nan, sqrt
@@ -14,20 +14,21 @@ from probewatch.drivers.rigid import Array
 REPORTS_FAULTS = (Fault.ROTATION, Fault.SCALE, Fault.OFFSET, Fault.LATENCY)
 
 _LEAST_AGREEMENT = 0.9
-"""Correlation of measured and predicted motion. Less trusts X where a tracker is late or a picture badly followed; more
-concludes nothing from short or noisy motion. Not measured.
+"""Least correlation of measured and predicted motion. A lower value trusts X where a tracker is late or a picture is
+followed badly; a higher one concludes nothing from short or noisy motion. Not measured.
 """
 _AXIAL_SCALE = SCALE.stop - 1
-"""Index in PARAMETERS of what a press shows."""
+"""Index in PARAMETERS of the parameter that a press shows."""
 _OF_HIDDEN = 0.5
-"""Standard deviation of what tissue hides of the axial scale, as a share of that by which it follows a press: the error
-may be all of it. Less closed the contact on an axial scale wrong by 8 % over foam that follows by .05 (limit 5 %); more
-verifies less over rigid tissue, where a gesture leaves .005 to .01.
+"""Standard deviation of what tissue hides of the axial scale, as a share of `Solution.hides`, the share by which the
+tissue may still follow a press: the error may be all of it. A lower value closed the contact on an axial scale wrong by
+8 % over foam that follows by .05 (limit 5 %); a higher one verifies less over rigid tissue, where a gesture leaves .005
+to .01.
 """
 
 
 def calibration_checks(solution: Solution | None, limits: Limits) -> tuple[Check, ...]:
-    """One check for each of PARAMETERS, in deg, % and mm.
+    """Returns one check for each of PARAMETERS, in deg, % and mm.
 
     Where picture and tracker do not agree on the motion (correlation below 0.9) the model does not hold, and nothing is
     concluded from it.
@@ -36,21 +37,21 @@ def calibration_checks(solution: Solution | None, limits: Limits) -> tuple[Check
 
 
 def dragged(travel_mm: Array) -> frozenset[str]:
-    """Names of the scales along axes of which the probe covered too little. travel_mm: (2,) as of `Solution`."""
+    """Returns the names of the scales along whose axes the probe covered too little. travel_mm: (2,) of `Solution`."""
     ways = zip(PARAMETERS[SCALE], travel_mm, strict=True)
     return frozenset(name for name, way_mm in ways if way_mm < LEAST_TRAVEL_MM)
 
 
 def trusted(solution: Solution) -> bool:
-    """Whether picture and tracker agree on the in-plane motion well enough for the model to hold."""
+    """Returns whether picture and tracker agree on the in-plane motion well enough for the model to hold."""
     return solution.correlation >= _LEAST_AGREEMENT
 
 
 def latency_check(latency: Latency | None, limits: Limits, stamps_err_s: float, shown_ns: int | None = None) -> Check:
-    """Lag of the tracker, ms, positive when it is late.
+    """Returns the check of the tracker's lag, ms, which is positive when the tracker is late.
 
-    stamps_err_s: bound of the error that the stamps of pictures and poses share. It is no noise: motion cannot average
-    it away, so it takes from the room on either side of the limit. shown_ns: of the motion that it comes from.
+    stamps_err_s: bound of the error that the stamps of pictures and poses share. It is not noise: motion cannot average
+    it out, so it reduces the margin on either side of the limit. shown_ns: stamp of the motion that showed the latency.
     """
     if latency is None:
         return Check("latency", Fault.LATENCY, nan, nan, "ms", limits.latency_ms, VerdictKind.NOT_VERIFIED)
@@ -62,8 +63,9 @@ def latency_check(latency: Latency | None, limits: Limits, stamps_err_s: float, 
 
 
 def agreement_check(solution: Solution | None) -> Check:
-    """How far the predicted in-plane motion is from perfect correlation with the measured one; a fact, it names no
-    fault.
+    """Returns the check of how far predicted and measured in-plane motion are from perfect correlation.
+
+    It states a fact and never names a fault.
     """
     value = nan if solution is None else 1 - solution.correlation
     verdict = VerdictKind.OK if value <= 1 - _LEAST_AGREEMENT else VerdictKind.NOT_VERIFIED
@@ -88,8 +90,9 @@ def _parameter(index: int, solution: Solution | None, limits: Limits) -> Check:
 
 
 def _judged(check: Check, confidence: float, fault_from: float, bound: float = 0.0) -> Check:
-    """OK and FAULT both need `confidence` sigmas and the bound as room: OK below the limit, FAULT beyond `fault_from`;
-    what lies between shows nothing.
+    """Returns the check with its verdict: OK below the limit, FAULT beyond `fault_from`, unchanged in between.
+
+    Both OK and FAULT need a margin of `confidence` sigmas and the bound.
     """
     room = confidence * check.sigma + bound
     if abs(check.value) + room <= check.limit:

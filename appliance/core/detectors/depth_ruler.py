@@ -1,4 +1,4 @@
-"""Sees from the scanner's own depth ruler that the depth setting changed; no motion is needed."""
+"""Detects from the scanner's own depth ruler that the depth setting has changed; no motion is needed."""
 
 from collections.abc import Callable
 from math import hypot
@@ -14,36 +14,39 @@ from probewatch.appliance.types import Check, Fault, VerdictKind
 REPORTS_FAULTS = (Fault.SCALE,)
 
 _NEW_DEPTH_PERCENT = 1.5
-"""Change of spacing from which the depth is another, whatever scale the limits tolerate: no scanner steps its depth by
-less, and a ruler is right to .1 to .3 %. Less asks more of rulers with few ticks; more misses 3 % of six ticks."""
+"""%, change of the spacing from which the depth setting is another, whatever error of the scale the limits tolerate: no
+scanner changes its depth in smaller steps, and a ruler is accurate to .1 to .3 %. A lower value asks more of rulers
+with few ticks; a higher one misses a change of 3 % on a ruler of six ticks."""
 _UNITS = (2.0, 2.5, 4.0, 5.0, 10.0)
-"""Ratios of tick units (1, 2, 5, 10, 20, 50 mm). A spacing that changes by just one of them may be another unit at the
-same depth, so it withdraws the OK and names nothing: motion, or the zoomed picture, must decide."""
+"""Ratios of tick units (1, 2, 5, 10, 20, 50 mm). Where the spacing changes by exactly one of them, the ticks may have
+another unit at the same depth, so the OK is withdrawn and nothing is named: motion or the zoomed picture must decide.
+"""
 _UNIT_SLACK = 0.005
-"""How far beside such a ratio still counts as it, share; the sigmas come on top. More leaves new depths unnamed."""
+"""Relative tolerance about such a ratio; the sigmas are added to it. A larger one leaves new depths unnamed."""
 _LOOK_EVERY = 15
-"""Pictures between two searches for a ruler that is not known, .5 s at 30 Hz: each costs .5 ms, and .1 ms for each
-column that is then tried, one a picture. Fewer cost more; more learn the ruler later."""
+"""Pictures between two searches for a ruler that is not known, .5 s at 30 Hz: each search costs .5 ms, and then .1 ms
+for each column that is tried, one per picture. Fewer pictures cost more; more learn the ruler later."""
 _MOST_COLUMNS = 12
-"""Columns that are tried after each search, the fullest first. More find a ruler between much text, and cost longer."""
+"""Columns that are tried after each search, the fullest first. More find a ruler amid much text, and take longer."""
 
 _BAND_PX = 320_000
-"""Pixels that one search looks at, a little more than 640 × 480; larger pictures are searched in bands of columns, one
-after the other. More costs more in one picture (1920 × 1080 as a whole 45 ms); fewer learn the ruler later."""
+"""Pixels that one search covers, a little more than 640 × 480; larger pictures are searched in bands of columns, one
+after the other. More pixels cost more in one picture (45 ms for all of 1920 × 1080); fewer learn the ruler later."""
 _DRAWN_SHARE = 0.5
-"""Share of a ruler's ticks that must be among what never moves. Less keeps speckle for longer, which a mask covered at
-rest and leaves within a second of motion; more loses a ruler that something moving touches. Not measured."""
+"""Share of a ruler's ticks that must lie where nothing ever moves. A lower one keeps for longer a false ruler of
+speckle, which the mask covered at rest and leaves within a second of motion; a higher one loses a ruler that something
+moving touches. Not measured."""
 _GONE = 300
 """Pictures without the ruler after which another is looked for, 10 s at 30 Hz: the scanner may have moved it. Fewer
-give up a ruler that a menu covers; more stay blind for longer."""
+give up a ruler that a menu covers; more leave changes unseen for longer."""
 
 
 class DepthRuler(Detector):
-    """Compares the ruler's spacing with that of when motion last showed both scales. It never says more of a
-    calibration than that: where no ruler is found, it says nothing.
+    """Compares the ruler's spacing with the spacing at the time when motion last showed both scales.
 
-    A change is named once a second picture shows it; the first withdraws the OK.
-    tissue: (h, w) bool, the registration's mask, None until it is known. confidence_sigma: as in Limits.
+    It states nothing else about the calibration, and nothing at all where no ruler is found. A change is named once a
+    second picture shows it; the first withdraws the OK.
+    tissue: the registration's mask, (h, w) bool, None until it is known. confidence_sigma: as in Limits.
     """
 
     def __init__(self, tissue: Callable[[], Bits | None], scale_limit_percent: float, confidence_sigma: float) -> None:
@@ -83,14 +86,14 @@ class DepthRuler(Detector):
         return self._just_changed
 
     def on_verified(self, shows: Callable[[Fault], bool], until_ns: int) -> None:
-        """See Detector: the ruler of now is that of the reference, unless it came after the motion."""
+        """See Detector. The current ruler becomes that of the reference, unless it appeared after the motion."""
         if self._known is None or self._known is self._shown or not self._visible or self._known_ns > until_ns:
             return
         if shows(Fault.SCALE):
             self._shown = self._known
 
     def checks(self) -> tuple[Check, ...]:
-        """Change of the ruler's spacing, %, since motion showed the scales; none where there is no ruler."""
+        """Returns the check of the spacing, its change in % since motion showed the scales; none without a ruler."""
         if self._shown is None or self._known is None or not self._visible:
             return ()
         ratio = self._known.spacing_px / self._shown.spacing_px
@@ -103,8 +106,9 @@ class DepthRuler(Detector):
         return (Check("depth-ruler", Fault.SCALE, value, sigma, "%", self._limit, verdict),)
 
     def _is_drawn(self, ruler: Ruler) -> bool:
-        """Whether its ticks are among what never moves, as far as motion has shown until now. Marks of speckle at rest
-        may stand as a ruler's do; motion tells before it verifies.
+        """Returns whether the ticks lie where nothing ever moves, as far as motion has shown until now.
+
+        Speckle at rest may have marks at equal distances, as a ruler has; motion reveals this before it verifies.
         """
         tissue, (start, stop) = self._tissue(), ruler.columns
         if tissue is None:
@@ -119,7 +123,7 @@ class DepthRuler(Detector):
         return any(abs(max(ratio, 1 / ratio) / unit - 1) <= slack for unit in _UNITS)
 
     def _look_for(self, seen: Observation) -> None:
-        """Try a column in each picture; the ruler with most ticks of all is it: the long ones alone are fewer."""
+        """Tries one column per picture and keeps the ruler with most ticks, because its long ticks alone are fewer."""
         if self._to_try:
             found = ruler_at(seen.image, self._to_try.pop(0))
             if found is not None and (self._best is None or found.rows.size > self._best.rows.size):
@@ -142,7 +146,7 @@ class DepthRuler(Detector):
 
 
 def _apart(columns: tuple[int, ...]) -> list[int]:
-    """The columns without those beside one that is tried already."""
+    """Returns the columns without those next to one that comes before them."""
     taken = list[int]()
     for column in columns:
         if all(abs(column - other) > 2 for other in taken):

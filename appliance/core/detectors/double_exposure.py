@@ -1,7 +1,7 @@
-"""Sees one picture fade into another while the hand moves, so that no earlier one shows the tissue that is there now.
+"""Detects one picture fading into another while the hand moves, when no earlier picture shows the present tissue.
 
-Two pictures mixed have less contrast than either: speckle of both that is not alike adds up as noise does, and half of
-each has 1 ÷ √2 of it. So a fade is a dip of the contrast that all of the picture goes through together.
+A mixture of two pictures has less contrast than either: unlike speckle adds up as noise does, and half of each leaves
+1 ÷ √2 of the contrast. So a fade is a dip of the contrast in all parts of the picture at once.
 """
 
 from collections import deque
@@ -13,21 +13,22 @@ from probewatch.appliance.core.registration.pyramid import Array32
 from probewatch.drivers.rigid import Array
 
 _WITHIN_NS, _HALF_NS = 800_000_000, 400_000_000
-"""From before a dip to after it, at most, and for one that is half as long. Longer sees slower fades, and tissue of
-other contrast has come into the picture by then."""
+"""ns, longest time from before a dip to after it, and the same for a dip that is half as long. Longer times see slower
+fades, but tissue of other contrast has come into the picture by then."""
 _LEAST_DIP, _MOST_PARTS = 0.15, 0.67
-"""Fall of the logarithm of the contrast, and share of the parts that fall so far. Fades of .1 to .6 s in sweeps and
-fans came to .12 to .29: mirrored least, moved by 15 % or turned by 5° most; healthy sessions of 8 to 20 s to .14 at
-most, a half space with strong layers swept at 20 mm/s; two recordings of phantoms and a liver to .06 (study, one or two
-seeds). Less voids what healthy motion showed, more misses fades into what is much alike."""
+"""Fall of the logarithm of the contrast, and share of the parts in which it falls that far. Fades of .1 to .6 s in
+sweeps and fans reached .12 to .29: least when the picture was mirrored, most when it was moved by 15 % or turned by 5°.
+Healthy sessions of 8 to 20 s reached .14 at most, in a half space with strong layers swept at 20 mm/s; two recordings
+of phantoms and a liver reached .06 (study, one or two seeds). A lower value discards what healthy motion showed; a
+higher one misses fades into a similar picture."""
 _LEAST_PARTS = 6
-"""Parts that show something in all of it: fewer let a corner speak for the picture."""
+"""Fewest parts that must show something throughout: with fewer a corner decides for the whole picture."""
 _LEAST_PICTURES = 5
 """The fewest pictures that can hold a dip: two before it, one within and two after it."""
 
 
 class DoubleExposure:
-    """Takes every picture that goes on with the chain. ended: whether a fade ends with the latest one."""
+    """Takes every picture that continues the chain. ended: whether a fade ends with the latest picture."""
 
     def __init__(self) -> None:
         self.restart()
@@ -48,10 +49,10 @@ class DoubleExposure:
 
 
 def _dip(levels: Array) -> float:
-    """How far contrast fell, at its lowest, below both that of the first two pictures and that of the last two, in most
-    of the parts.
+    """Returns how far the contrast fell, at its lowest and in most of the parts, below both ends of the series.
 
-    levels: (n, parts) logarithms of their contrast, NaN where nothing is shown.
+    The ends are the means of the first two and of the last two pictures.
+    levels: (n, parts) logarithms of the contrast of each part, NaN where nothing is shown.
     """
     if len(levels) < _LEAST_PICTURES:
         return 0.0

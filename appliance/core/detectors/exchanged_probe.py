@@ -1,8 +1,8 @@
-"""Sees that probe and marker body are not the pair that the calibration is of: body and picture are wrong at once.
+"""Detects that probe and marker body are not the pair that was calibrated: body and picture are wrong at once.
 
-A clamp that gives way turns and slides the body and leaves the picture as it is; a new depth leaves the body. Where
-rotation, offset and scale are all beyond their limits, it is the likeliest that another probe is held, that the body
-sits on another probe, or that the file is another probe's.
+A clamp that gives way turns and slides the body and leaves the picture as it is; a new depth leaves the body as it is.
+Where rotation, offset and scale are all beyond their limits, most likely another probe is in use, the body is mounted
+on another probe, or the file belongs to another probe.
 """
 
 from collections.abc import Callable, Sequence
@@ -16,17 +16,18 @@ from probewatch.appliance.types import Check, Fault, VerdictKind
 REPORTS_FAULTS = (Fault.EXCHANGED_PROBE,)
 
 _CLASSES = (Fault.ROTATION, Fault.OFFSET, Fault.SCALE)
-"""All three: rotation and offset alone is what a bent clamp does."""
+"""Classes that must all be wrong: a bent clamp changes rotation and offset alone."""
 _SHIPPED = Limits()
 _AT_ONCE = 2.0
-"""Limits beyond which one solution is enough. More has the body named first, less lets one bad window name a probe. The
-first solution of the study's exchanged probe has 2.8 to 3.8 (gesture, five runs)."""
+"""Multiple of the limits from which one solution is enough. With a higher one the marker body is named first; a lower
+one lets one bad window name a probe. The first solution of the study's exchanged probe reaches 2.8 to 3.8 (gesture,
+five runs)."""
 
 
 class ExchangedProbe(Detector):
-    """Two solutions in a row must say so, or one that is far beyond. It never says OK.
+    """Names an exchanged probe after two solutions in a row that show one, or one far beyond the limits.
 
-    measured: checks of the latest solution. confidence_sigma: as in Limits.
+    It never says OK. measured: returns the checks of the latest solution. confidence_sigma: as in Limits.
     """
 
     def __init__(self, measured: Callable[[], Sequence[Check]], confidence_sigma: float) -> None:
@@ -34,8 +35,9 @@ class ExchangedProbe(Detector):
         self._before = self._beyond = 0.0
 
     def on_verified(self, shows: Callable[[Fault], bool], until_ns: int) -> None:
-        """See Detector: of another probe none of the classes is right. It comes with every solution, so each is looked
-        at here.
+        """See Detector. With another probe none of the classes is right.
+
+        This is called with every solution, so each solution is examined here.
         """
         if any(shows(fault) for fault in _CLASSES):
             self._before = self._beyond = 0.0
@@ -43,7 +45,7 @@ class ExchangedProbe(Detector):
             self._note(self._measured())
 
     def checks(self) -> tuple[Check, ...]:
-        """How far the class that is nearest to its limit is beyond it, in limits; none before it is known."""
+        """Returns a check of how many times its limit the class nearest to its limit is; none before this is known."""
         if not self._beyond:
             return ()
         return (Check("exchanged-probe", Fault.EXCHANGED_PROBE, self._beyond, 0.0, "×", 1.0, VerdictKind.FAULT),)
@@ -55,9 +57,11 @@ class ExchangedProbe(Detector):
         self._before = beyond
 
     def _least_beyond(self, checks: Sequence[Check]) -> float:
-        """Number of its limits by which the class that is nearest to them surely is, 0 where the latency is not shown
-        to be in order: what is measured with a late tracker is no calibration. The polarity need not be shown: far from
-        the reference it is rarely decided, and a mirrored picture is named before this.
+        """Returns how many times its limit the class nearest to its limit certainly is.
+
+        Returns 0 where the latency is not shown to be within its limit, because measurements with a late tracker are
+        not a calibration. The polarity need not be shown: far from the reference it is rarely decided, and a mirrored
+        picture is named before an exchanged probe.
         """
         if not any(check.fault is Fault.LATENCY and check.verdict is VerdictKind.OK for check in checks):
             return 0.0
@@ -66,8 +70,9 @@ class ExchangedProbe(Detector):
         )
 
     def _surely(self, check: Check) -> float:
-        """Ratio to the limits, those that are shipped at least: what a tighter one calls wrong is no other probe yet. 0
-        where it is not known.
+        """Returns the ratio that is certain, to the limit or to the default limit where that is wider.
+
+        An error beyond a tighter limit alone does not yet indicate another probe. Returns 0 where the ratio is unknown.
         """
         share = check.limit / max(check.limit, QUANTITIES[check.fault].limit(_SHIPPED))
         sure = check.least_ratio(self._confidence_sigma) * share

@@ -1,4 +1,4 @@
-"""The fan of a convex picture: apex, opening, radii and aspect, with what is not known of them. Pure geometry."""
+"""Measures the fan of a convex picture: apex, opening, radii and aspect, with their uncertainty. Pure geometry."""
 
 from collections.abc import Generator
 from dataclasses import dataclass
@@ -28,44 +28,50 @@ from probewatch.drivers.rigid import Array
 from probewatch.drivers.samples import GreyImage
 
 _WINDOWS_PX = (16, 8)
-"""On either side of where a border was last found in which it is looked for, one after the other. The first covers what
-the search leaves of a picture whose every third pixel it takes."""
+"""px on either side of a border's last place in which it is looked for, one window after the other. The first covers
+the error of a search that takes every third pixel of the picture."""
 _ROUNDS = 3
 """Rounds of reweighted least squares at each window."""
 _LEAST_SD_PX, _MOST_SD_PX = 0.29, 1.5
-"""Standard deviation, px, of a border's points: of whole pixels, and of one that is worth following."""
+"""Least and largest standard deviation, px, of a border's points: that of whole pixels, and that of a border that is
+still worth following."""
 _LEAST_REACH_PX = 2.0
-"""Beyond which a point counts for nothing, at the last. More is drawn to what lies beside, less to pixels."""
+"""px from the border beyond which a point has no weight in the end. With more the fit is drawn to what lies beside the
+border, with less to single pixels."""
 _TUKEY = 4.0
-"""Standard deviations beyond which a point is none of the border."""
+"""Standard deviations beyond which a point does not belong to the border."""
 _ON_PX, _LEAST_SHARE, _LEAST_FADING_SHARE, _LEAST_POINTS = 1.5, 0.5, 0.3, 12
-"""How near points lie to their border, and how many of all must, for it to be seen; of sides that fade with the depth a
-part must. Fewer take the edge of a shadow for a border, more miss what tissue hides in parts."""
+"""px within which a point lies on its border; the share of points that must do so for the border to be seen, the same
+for sides that fade with depth, and their least number. Fewer take the edge of a shadow for a border; more miss borders
+that tissue hides in parts."""
 _ALIKE = 1.4
-"""By how much neighbouring points of a border err together, as a factor of sigma."""
+"""Factor of sigma that accounts for the common errors of neighbouring points of a border."""
 _BORDER_PX, _BLUR_PX = 0.3, 0.6
-"""By which a border as a whole may lie beside where it is seen, alone (the width of a drawn line, whole pixels) and
-outwards with all others (a blurred grabber, a codec): what is not in the noise of its points. The second came to 1 px
-of 80 drawn fans behind the worst of four grabbers."""
+"""px by which a whole border may lie beside where it is seen, which the noise of its points does not include: alone
+(the width of a drawn line, whole pixels), and outwards together with all others (a blurring grabber, a codec). The
+second reached 1 px in 80 drawn fans behind the worst of four grabbers."""
 _OUTWARDS = {LEFT: -1, RIGHT: 1, FACE: -1, BOTTOM: 1}
-"""Sign of the column or row by which a border is further out."""
+"""Sign of the step in column or row that moves a border outwards."""
 _CLEAR_SHARE, _INSIDE_PX, _USUAL = 0.4, (3, 8), 60
-"""Share of what (percentile of the places) is seen so many px inside a border, the grey up to which what lies beside it
-is dark: an edge that a scaler has blurred lies where it is half as bright. More loses borders of which tissue is dark
-in parts."""
+"""Grey up to which it is dark beside a border, as a share of the grey inside it; the px inside the border, from and to,
+at which that is read; and its percentile over the places. An edge that a scaler has blurred lies where it is half as
+bright. A higher share loses borders whose tissue is dark in parts."""
 _ACROSS, _MARGIN_RAD, _BESIDE_RAD, _MOST_LIT = 40, 0.03, np.linspace(0, 0.2, 12), 0.15
-"""Places beside a fan that are looked at: along a border, from how far beside it, rad or share of its depth, to how
-far. Of those so many may show something, as text does; tissue that goes on above the shadow of a rib shows .3 and
-more."""
+"""Places along a border that are examined beside a fan; where they begin beside it, and how far on they lie, rad or
+share of the depth; and the largest share of them that may show something, as text does. Tissue that goes on above the
+shadow of a rib shows .3 and more."""
 _MOST_ASPECT_SIGMA = 0.1
-"""Sigma of a fan's aspect: with a larger one it is not known whether the upper border is an arc about the apex."""
+"""Largest relative sigma of a fan's aspect: with a larger one it is not known whether the upper border is an arc about
+the apex."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fan:
-    """numbers: (7,) as `fan_borders` has them; the last is NaN where the lower arc is not seen. noise: (7, 7)
-    covariance of them by what differs from picture to picture; covariance: that and what all pictures of a scanner
-    share. black: greys up to which what lies beside is dark. borders: those that were seen.
+    """Holds the fan that was measured in a picture.
+
+    numbers: (7,) in the order of `fan_borders`; the last is NaN where the lower arc is not seen. noise: (7, 7)
+    covariance of the numbers by errors that differ from picture to picture. covariance: the same with the errors that
+    all pictures of a scanner share. black: greys up to which it is dark beside the fan. borders: those that were seen.
     """
 
     numbers: Array
@@ -76,7 +82,10 @@ class Fan:
 
 
 def fan_in(image: GreyImage) -> Fan | None:
-    """The fan of (h, w) uint8, face above; None where none is seen with both sides and the arc of the face."""
+    """Returns the fan in a picture, (h, w) uint8 with the face above, or None.
+
+    Both sides and the arc of the face must be seen.
+    """
     search = searching(image)
     while True:
         try:
@@ -86,7 +95,10 @@ def fan_in(image: GreyImage) -> Fan | None:
 
 
 def searching(image: GreyImage, black: Blacks | None = None) -> Generator[None, None, Fan | None]:
-    """The same in pieces of 4 ms or less. black: greys up to which it is dark beside the fan, where those are known."""
+    """Does the work of `fan_in` in steps of 4 ms or less, and yields between them.
+
+    black: greys up to which it is dark beside the fan, where those are known.
+    """
     best: Fan | None = None
     for greys in [(grey, grey) for grey in thresholds(image)] if black is None else [black]:
         yield
@@ -104,7 +116,7 @@ def searching(image: GreyImage, black: Blacks | None = None) -> Generator[None, 
 
 
 def _clearer(image: GreyImage, fan: Fan) -> Fan:
-    """The same fan, its edges where they are half as bright as what they are of."""
+    """Returns the same fan with its edges where they are half as bright as what lies inside."""
     clear = max(fan.black[0], _CLEAR_SHARE * _least_inside(image, fan))
     for greys in ((fan.black[0], clear), (clear, clear)):
         found = fan_near(image, fan.numbers, greys)
@@ -114,12 +126,12 @@ def _clearer(image: GreyImage, fan: Fan) -> Fan:
 
 
 def _merit(fan: Fan) -> tuple[int, float]:
-    """How much is seen of it, and how well."""
+    """Returns a rank of the fan: how many of its borders are seen, then how certain its apex is."""
     return len(fan.borders), -float(np.trace(fan.covariance[:2, :2]))
 
 
 def _goes_on(image: GreyImage, fan: Fan) -> bool:
-    """Whether something is shown beside a side or below the lower arc: then a shadow ends there, and not the fan."""
+    """Returns whether something is shown beside a side or below the lower arc: a shadow ends there, not the fan."""
     apex_y, left, right, aspect, face, bottom = fan.numbers[APEX_Y:]
     bottom = bottom if np.isfinite(bottom) else image.shape[0] - apex_y
     along = np.linspace(face, bottom, _ACROSS)[:, None]
@@ -135,7 +147,10 @@ def _goes_on(image: GreyImage, fan: Fan) -> bool:
 
 
 def _lit(image: GreyImage, fan: Fan, radius: Array, angle: Array, black: float) -> float:
-    """Share of places in polar coordinates about the apex that are not black; none lies outside the picture."""
+    """Returns the share of places that are not black, without those outside the picture.
+
+    radius, angle: polar coordinates of the places about the apex.
+    """
     rows = np.round(fan.numbers[APEX_Y] + radius * np.cos(angle)).astype(np.intp)
     columns = np.round(fan.numbers[APEX_X] + radius * np.sin(angle) / fan.numbers[ASPECT]).astype(np.intp)
     inside = (rows >= 0) & (rows < image.shape[0]) & (columns >= 0) & (columns < image.shape[1])
@@ -143,7 +158,7 @@ def _lit(image: GreyImage, fan: Fan, radius: Array, angle: Array, black: float) 
 
 
 def _least_inside(image: GreyImage, fan: Fan) -> float:
-    """Grey of most places just inside the darkest border."""
+    """Returns the grey just inside the darkest border, the percentile `_USUAL` of its places."""
     inside = []
     for border in fan.borders:
         one = window(fan.numbers, border, image.shape, _INSIDE_PX[1])
@@ -153,7 +168,7 @@ def _least_inside(image: GreyImage, fan: Fan) -> float:
 
 
 def fan_near(image: GreyImage, about: Array, black: Blacks) -> Fan | None:
-    """The fan whose borders lie within 16 px of those of another, (7,) px; None where they do not."""
+    """Returns the fan whose borders lie within 16 px of those of another, (7,) px; None where they do not."""
     numbers = about
     for window_px in _WINDOWS_PX:
         wanted = [LEFT, RIGHT, FACE, *([BOTTOM] if np.isfinite(numbers[BOTTOM_RADIUS]) else [])]
@@ -176,12 +191,15 @@ def fan_near(image: GreyImage, about: Array, black: Blacks) -> Fan | None:
 
 
 def _without_bottom(numbers: Array) -> Array:
-    """(7,) of a fan whose lower arc is not looked for."""
+    """Returns the numbers of a fan, (7,), without the lower arc, so that it is not looked for."""
     return np.where(np.arange(7) == BOTTOM_RADIUS, np.nan, numbers)
 
 
 def _on(numbers: Array, border: int, seen: Border, whole: bool) -> bool:
-    """Whether a border lies where the fit has it. whole: the lower arc is seen too, so that sides do not fade."""
+    """Returns whether a border lies where the fit puts it.
+
+    whole: whether the lower arc is seen too, so that the sides do not fade.
+    """
     beside = off(numbers, border, seen)
     near = int(np.count_nonzero(np.abs(beside) <= _ON_PX))
     share = _LEAST_SHARE if whole or border not in (LEFT, RIGHT) else _LEAST_FADING_SHARE
@@ -189,13 +207,16 @@ def _on(numbers: Array, border: int, seen: Border, whole: bool) -> bool:
 
 
 def _fitted(numbers: Array, points: dict[int, Border], window_px: int) -> tuple[Array, Array, Array] | None:
-    """The fan of these borders, covariance by the noise of their points, and (7, n) ways by a shift of each and of all;
-    None where it is none, or one of them is not seen.
+    """Fits a fan to these borders by reweighted least squares, or returns None.
+
+    Returns its numbers, their covariance by the noise of the points, and (7, n) their changes by a shift of each border
+    and of all of them. Returns None where the fit is not a fan, or one of the borders is not seen.
     """
     if min(one.at.size for one in points.values()) < _LEAST_POINTS:
         return None
     free = slice(7 if BOTTOM in points else BOTTOM_RADIUS)
     reach = float(window_px)
+    # Each round solves the normal equations of all borders and halves the distance at which a point has no weight.
     for _ in range(_ROUNDS):
         weighed = [_weighed(numbers, border, one, reach) for border, one in points.items()]
         inverse = np.zeros((7, 7))
@@ -214,7 +235,7 @@ def _fitted(numbers: Array, points: dict[int, Border], window_px: int) -> tuple[
 
 
 def _weighed(numbers: Array, border: int, seen: Border, reach: float) -> tuple[Array, Array, Array]:
-    """(7, 7) and (7,) of the normal equations of one border, and (7,) what moving it as a whole adds to them."""
+    """Returns the normal equations of one border, (7, 7) and (7,), and what a shift of all of it adds to them, (7,)."""
     place, slopes = predicted(numbers, border, seen.at)
     beside, slopes = (seen.found - place) * seen.cosine, slopes * seen.cosine[:, None]
     middle, sd = _about(np.sort(beside))
@@ -224,7 +245,7 @@ def _weighed(numbers: Array, border: int, seen: Border, reach: float) -> tuple[A
 
 
 def _about(beside: Array) -> tuple[float, float]:
-    """Where most of the points, ascending, lie, and their standard deviation about it, px."""
+    """Returns where most of the points lie, and their standard deviation, px. beside: ascending."""
     median = beside[beside.size // 2]
     sd = 1.48 * float(np.sort(np.abs(beside - median))[beside.size // 2])
     sd = min(max(sd, _LEAST_SD_PX), _MOST_SD_PX)
@@ -234,7 +255,7 @@ def _about(beside: Array) -> tuple[float, float]:
 
 
 def scale_sigmas(fan: Fan) -> Array:
-    """(2,) of the lateral and axial scale that the radius of the face shows, relative."""
+    """Returns the relative sigmas, (2,), of the lateral and axial scale that the radius of the face shows."""
     inner = np.zeros((2, 7))
     inner[:, FACE_RADIUS] = -1 / fan.numbers[FACE_RADIUS]
     inner[0, ASPECT] = 1 / fan.numbers[ASPECT]

@@ -1,7 +1,7 @@
-"""Where the borders of a convex picture lie: two straight sides and two arcs about one point. Pure geometry.
+"""Locates the borders of a convex picture: two straight sides and two arcs about one point. Pure geometry.
 
-A border is where the black beside the sector ends, seen from outside: what is dark inside moves it inwards, what is
-drawn beside it outwards, and both only in parts of it.
+A border is where the black beside the sector ends, seen from outside. What is dark inside moves it inwards, what is
+drawn beside it moves it outwards, and both do so only along parts of it.
 """
 
 from collections.abc import Sequence
@@ -15,25 +15,27 @@ from probewatch.drivers.rigid import Array
 from probewatch.drivers.samples import GreyImage
 
 LEFT, RIGHT, FACE, BOTTOM = range(4)
-"""Borders, in the order of every list of them."""
+"""The borders, in the order of every list of them."""
 APEX_X, APEX_Y, LEFT_SLOPE, ASPECT, FACE_RADIUS, BOTTOM_RADIUS = 0, 1, 2, 4, 5, 6
-"""Places in the vector of a fan: apex, column and row; columns that the left and the right side leave it by per row;
-rows ÷ columns of the same length; radii of the arcs in rows."""
+"""Indices in the vector of a fan: column and row of the apex; columns per row by which the left and the right side move
+away from it; rows ÷ columns of the same length; radii of the arcs, in rows."""
 _SAMPLES = 96
-"""Places along each border. More cost time, fewer leave too few where a shadow hides some."""
+"""Most places along each border. More cost time; fewer leave too few where a shadow hides some."""
 Blacks = tuple[float, float]
 """Greys up to which it is dark beside a fan: where the tissue is dark, and where it is not."""
 _BLURRED_PX = 2
-"""px over which an edge may be blurred. More takes dark tissue at a border for a blur, less is drawn outwards by
-one."""
+"""px over which an edge may be blurred. With more, dark tissue at a border is taken for a blur; with less, a blur moves
+the border outwards."""
 _END = 0.04
-"""Share of a border at either end that is left out: corners are round, and text stands there."""
+"""Share of a border that is left out at either end: corners are rounded, and text is drawn there."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Border:
-    """at: (n,) rows of a side, columns of an arc. found: (n,) where it lies there, column or row, NaN where it is not
-    seen. cosine: (n,) of its slope, by which a step along the axis is shorter across it.
+    """Holds the points of a border in a picture.
+
+    at: (n,) rows of a side or columns of an arc. found: (n,) column or row of the border there, NaN where it is not
+    seen. cosine: (n,) cosine of its slope, by which a step along the axis is shorter across the border.
     """
 
     at: Array
@@ -41,13 +43,13 @@ class Border:
     cosine: Array
 
     def seen(self) -> "Border":
-        """The places where it is seen."""
+        """Returns the border without the places where it is not seen."""
         known = np.isfinite(self.found)
         return Border(self.at[known], self.found[known], self.cosine[known])
 
 
 def predicted(fan: Array, border: int, at: Array) -> tuple[Array, Array]:
-    """(n,) columns or rows where a fan, (7,), has this border; (n, 7) by how much each of its numbers moves that."""
+    """Returns the columns or rows, (n,), at which a fan, (7,), has this border, and their derivatives by it, (n, 7)."""
     slopes = np.zeros((at.size, 7))
     if border in (LEFT, RIGHT):
         side, down = (-1 if border == LEFT else 1), at - fan[APEX_Y]
@@ -63,14 +65,17 @@ def predicted(fan: Array, border: int, at: Array) -> tuple[Array, Array]:
 
 
 def corner(fan: Array, side: int, arc: int) -> tuple[float, float]:
-    """Column and row where a side meets an arc."""
+    """Returns the column and row where a side meets an arc."""
     slope = fan[LEFT_SLOPE + side]
     down = fan[FACE_RADIUS + arc - FACE] / np.sqrt(1 + (fan[ASPECT] * slope) ** 2)
     return float(fan[APEX_X] + (-1 if side == LEFT else 1) * slope * down), float(fan[APEX_Y] + down)
 
 
 def places(fan: Array, border: int, shape: tuple[int, ...], most: int) -> Array:
-    """(n,), at most so many, whole rows or columns in a picture of this shape at which a border is looked for."""
+    """Returns the rows or columns, (n,) whole numbers, at which a border is looked for in a picture of this shape.
+
+    most: the largest n.
+    """
     axis = 0 if border in (LEFT, RIGHT) else 1
     ends = (FACE, BOTTOM) if axis == 0 else (LEFT, RIGHT)
     corners = [corner(fan, *((border, end) if axis == 0 else (end, border)))[1 - axis] for end in ends]
@@ -82,10 +87,11 @@ def places(fan: Array, border: int, shape: tuple[int, ...], most: int) -> Array:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Window:
-    """Where borders of a fan are looked for in pictures of one size. at, cosine: (n,) as of `Border`. expected: (n,)
-    where the fan has them; inwards: (n,) sign of the way into it. rows, columns: (n, m) of the pixels across them, the
-    outermost first. outside: (n, m) those beyond the picture's edge. most: (n,) last column or row that they may lie
-    at.
+    """Holds the pixels in which borders of a fan are looked for, in pictures of one size.
+
+    at, cosine: (n,) as in `Border`. expected: (n,) where the fan has the borders. inwards: (n,) sign of the direction
+    into the fan. rows, columns: (n, m) of the pixels across the borders, the outermost first. outside: (n, m) whether
+    they are beyond the picture's edge. most: (n,) last column or row at which a border may lie.
     """
 
     at: Array
@@ -98,9 +104,11 @@ class Window:
     most: NDArray[np.intp]
 
     def read(self, image: GreyImage, black: Blacks) -> Border:
-        """The border in a picture: where the second grey is passed, as an edge is blurred; the first where only that is
-        passed by, as where the tissue is dark. Where the picture's edge cuts it off, or the dark beside it is not seen,
-        it is not found.
+        """Returns the border in a picture.
+
+        It lies where the second grey is passed, because edges are blurred, or where the first is passed if the second
+        does not follow at once, as where the tissue is dark. It is not found where the picture's edge cuts it off, or
+        where the dark beside it is not seen.
         """
         greys = np.where(self.outside, 0, image[self.rows, self.columns])
         dim, clear = _first(greys > black[0]), _first(greys > black[1])
@@ -111,25 +119,25 @@ class Window:
         return Border(self.at, np.where(seen, found, np.nan), self.cosine)
 
     def near(self, image: GreyImage, black: Blacks, room_px: float) -> Bits:
-        """(n,) bool: where it lies so near to where it is expected, across it."""
+        """Returns whether each point, (n,) bool, is within room_px of where it is expected, across the border."""
         with np.errstate(invalid="ignore"):
             return np.asarray(np.abs((self.read(image, black).found - self.expected) * self.cosine) <= room_px)
 
 
 def joined(windows: Sequence[Window]) -> Window:
-    """Several borders to be read at once."""
+    """Joins several windows into one, so that their borders are read at once."""
     parts = [[getattr(one, field.name) for one in windows] for field in fields(Window)]
     return Window(*(np.concatenate(part) for part in parts))
 
 
 def _first(lit: Bits) -> NDArray[np.intp]:
-    """(n,) of the first two of (n, m) in a row, m where there are none."""
+    """Returns the index, (n,), of the first of two lit pixels side by side in each row of (n, m); m without any."""
     twice = lit[:, :-1] & lit[:, 1:]
     return np.asarray(np.where(twice.any(axis=1), twice.argmax(axis=1), lit.shape[1]), np.intp)
 
 
 def window(fan: Array, border: int, shape: tuple[int, ...], reach_px: int, most_places: int = _SAMPLES) -> Window:
-    """The window of so many px on either side of where the fan, (7,), has a border."""
+    """Returns the window of reach_px on either side of where the fan, (7,), has a border."""
     side = border in (LEFT, RIGHT)
     at = places(fan, border, shape, most_places)
     expected, slopes = predicted(fan, border, at)
@@ -144,5 +152,5 @@ def window(fan: Array, border: int, shape: tuple[int, ...], reach_px: int, most_
 
 
 def off(fan: Array, border: int, seen: Border) -> Array:
-    """(n,) px, across the border, by which it lies beside that of a fan; NaN where it is not seen."""
+    """Returns the distances, (n,) px across the border, from the border of a fan; NaN where it is not seen."""
     return (seen.found - predicted(fan, border, seen.at)[0]) * seen.cosine

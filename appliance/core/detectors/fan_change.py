@@ -1,7 +1,7 @@
-"""Shift and stretch of one fan against another: what a grabber or another depth does to all of it.
+"""Computes the shift and stretch between two fans: what a grabber or another depth does to the whole picture.
 
-A stretch and a shift move all borders; a shadow, a narrower sector or a darker depth moves some of them. So what the
-two leave as it is (both opening angles, the radii's ratio) must be alike, or nothing is said.
+A stretch and a shift move all borders; a shadow, a narrower sector or a darker depth moves some of them. So what
+stretch and shift leave unchanged (both opening angles, the ratio of the radii) must be alike, or nothing is concluded.
 """
 
 from dataclasses import dataclass
@@ -13,21 +13,24 @@ from probewatch.appliance.core.detectors.fan_borders import BOTTOM_RADIUS, LEFT_
 from probewatch.drivers.rigid import Array
 
 _ROUNDS = 3
-"""Rounds of least squares: a stretch of a half and a shift by half of the picture are found to 10⁻⁴."""
+"""Rounds of least squares: they find a stretch by a half and a shift by half of the picture to 10⁻⁴."""
 _MOST_MISFIT = 16.0
-"""χ² of what stretch and shift leave, of 2 or 3 numbers, by which a pair is still one picture stretched. Less misses
-what sigma is small for; more takes shadows for stretches."""
+"""Largest χ² of what stretch and shift leave, over 2 or 3 numbers, for a pair to be one picture stretched. A lower one
+misses changes where sigma is small; a higher one takes shadows for stretches."""
 _NARROWED = 0.02
-"""Stretch, logarithm, from which a sector that was made narrower explains as well what no arc decides; none is made
-narrower by less. Less misses lateral stretches whose arcs are seen badly."""
+"""Logarithm of the stretch from which a narrower sector may explain the change as well, where no arc decides; no sector
+is narrowed by less. A lower value misses lateral stretches of fans whose arcs are seen badly."""
 _CONTENT_SHARE = 0.0005
-"""By which opening angles and radii may differ beside their sigmas, where a picture was stretched: pixels are whole."""
+"""Relative difference of opening angles and radii that is allowed beyond their sigmas where a picture was stretched,
+because pixels are whole."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FanChange:
-    """stretch: (2,) lateral and axial, logarithms. shift_px: (2,) of the picture's middle. covariance: (4, 4) of the
-    four. deeper: the lower arc is not at the same depth, as where the scanner shows another one, or was not seen.
+    """Holds the change from one fan to another.
+
+    stretch: (2,) logarithms, lateral and axial. shift_px: (2,) shift of the picture's middle. covariance: (4, 4) of
+    these four. deeper: whether the lower arc is at another depth, as where the scanner shows another one, or not seen.
     """
 
     stretch: Array
@@ -37,12 +40,12 @@ class FanChange:
 
     @property
     def sigmas(self) -> Array:
-        """(4,) of stretch and shift."""
+        """Returns the standard deviations, (4,), of stretch and shift."""
         return np.asarray(np.sqrt(np.diag(self.covariance)))
 
 
 def change_between(before: Fan, now: Fan, size_px: tuple[int, int]) -> FanChange | None:
-    """What has become of the fan in pictures of this size; None where no stretch and shift explains it."""
+    """Returns the change of the fan in pictures of this size; None where no stretch and shift explains it."""
     arcs = np.isfinite(before.numbers[BOTTOM_RADIUS]) and np.isfinite(now.numbers[BOTTOM_RADIUS])
     for numbers in ([7] if arcs else []) + [6]:
         found = _explained(before, now, size_px, numbers)
@@ -53,7 +56,7 @@ def change_between(before: Fan, now: Fan, size_px: tuple[int, int]) -> FanChange
 
 
 def _narrowed(before: Fan, now: Fan, numbers: int) -> bool:
-    """Whether both may be one fan but for the opening angles: apex, aspect and radii are alike."""
+    """Returns whether both may be one fan except for the opening angles: apex, aspect and radii are alike."""
     kept = [k for k in range(numbers) if k not in (LEFT_SLOPE, LEFT_SLOPE + 1)]
     left = (_logarithms(now.numbers) - _logarithms(before.numbers))[kept]
     doubt = (_doubt(before) + _doubt(now))[np.ix_(kept, kept)]
@@ -61,12 +64,13 @@ def _narrowed(before: Fan, now: Fan, numbers: int) -> bool:
 
 
 def _explained(before: Fan, now: Fan, size_px: tuple[int, int], numbers: int) -> FanChange | None:
-    """The change by the first so many numbers of the fans."""
+    """Solves for the change by the first `numbers` numbers of the fans; None where it does not explain them."""
     middle = (np.array(size_px) - 1) / 2
     one, other = _logarithms(before.numbers)[:numbers], _logarithms(now.numbers)[:numbers]
     doubt = _doubt(before)[:numbers, :numbers] + _doubt(now)[:numbers, :numbers]
     doubt = doubt + _CONTENT_SHARE**2 * np.diag([0, 0, 1, 1, 0, 0, 1])[:numbers, :numbers]
     weight = np.linalg.inv(doubt)
+    # Gauss–Newton: the slopes are linearised again about the change of the last round.
     change = np.zeros(4)
     for _ in range(_ROUNDS):
         left = other - _changed(one, change, middle)
@@ -80,18 +84,21 @@ def _explained(before: Fan, now: Fan, size_px: tuple[int, int], numbers: int) ->
 
 
 def _logarithms(numbers: Array) -> Array:
-    """(7,) with logarithms of all but the apex."""
+    """Returns the numbers of a fan, (7,), with logarithms of all but the apex."""
     return np.concatenate([numbers[:LEFT_SLOPE], np.log(numbers[LEFT_SLOPE:])])
 
 
 def _doubt(fan: Fan) -> Array:
-    """(7, 7) covariance of the same; what all pictures share is in both of a pair."""
+    """Returns the covariance, (7, 7), of these logarithms.
+
+    Errors that all pictures share are left out, because both fans of a pair have them.
+    """
     inner = np.concatenate([[1, 1], 1 / fan.numbers[LEFT_SLOPE:]])
     return np.asarray(fan.noise * np.outer(inner, inner))
 
 
 def _changed(fan: Array, change: Array, middle: Array) -> Array:
-    """A fan, as `_logarithms`, that was stretched about the picture's middle and shifted."""
+    """Returns a fan after a stretch about the picture's middle and a shift, both fans as in `_logarithms`."""
     lateral, axial = change[:2]
     apex = middle + np.exp(change[:2]) * (fan[:2] - middle) + change[2:]
     beside = lateral - axial
@@ -99,7 +106,7 @@ def _changed(fan: Array, change: Array, middle: Array) -> Array:
 
 
 def _slopes(fan: Array, change: Array, middle: Array) -> Array:
-    """(n, 4) of the same by the change."""
+    """Returns the derivatives, (n, 4), of that fan by the change."""
     slopes = np.zeros((7, 4))
     slopes[[0, 1], [0, 1]] = np.exp(change[:2]) * (fan[:2] - middle)
     slopes[[0, 1], [2, 3]] = 1

@@ -1,4 +1,4 @@
-"""Where a convex picture may lie, to a few pixels, with nothing known before: what `fan` then measures."""
+"""Finds where a convex picture may lie, to a few pixels and without previous knowledge; `fan` then measures it."""
 
 import cv2
 import numpy as np
@@ -8,35 +8,40 @@ from probewatch.drivers.rigid import Array
 from probewatch.drivers.samples import GreyImage
 
 _LONGEST_PX = 480
-"""Longest side of the picture that is searched, for which every second or third pixel of a larger one is taken. More
-costs time: 1.5 ms at so many."""
+"""Longest side, px, of the picture that is searched; of a larger one every second or third pixel is taken. A longer one
+costs time: 1.5 ms at this size."""
 _CORNER = 8
-"""Part of the width and height that a corner is. One of the four at least is black beside a sector."""
+"""Ratio of the picture's width and height to those of a corner. At least one of the four corners is black beside a
+sector."""
 _NOISE_SIGMAS, _LEAST_GREY = 4.0, 2.0
-"""Greys above black, in sigmas of the corner or at least, from which something is shown. Fewer take a grabber's noise
-for tissue, more miss what is dark: a liver at 20 cm has 5."""
+"""Greys above black from which something is shown: in sigmas of the corner, and at least. Lower values take a grabber's
+noise for tissue; higher ones miss dark tissue: a liver at 20 cm has 5."""
 _CLOSE, _OPEN = np.ones((7, 7), np.uint8), np.ones((9, 9), np.uint8)
-"""They join speckle and take text away, of the picture that is searched."""
+"""Kernels, px of the picture that is searched: closing joins speckle, opening removes text."""
 _PAIRS = 150
-"""Lines that are tried for each border. More find one that is hidden to three quarters, and cost longer."""
+"""Lines that are tried for each border. More find a border of which three quarters are hidden, and take longer."""
 _BESIDE_PX = 1.5
-"""How far a point of a border may lie beside it, of the picture that is searched."""
+"""px of the picture that is searched, by which a point of a border may lie beside it."""
 _LEAST_SHARE, _LEAST_POINTS = 0.35, 12
-"""Share and number of the points of a border that must lie on it. Less finds fans in ragged shapes, more misses those
-with shadows."""
+"""Least share and number of the points of a border that must lie on it. Lower values find fans in ragged shapes; higher
+ones miss fans with shadows."""
 _LEAST_SLOPE, _MOST_SLOPE = 0.08, 2.0
-"""Slope of a side, columns per row: half an opening angle of 5 to 63°. Less takes rectangles that lean for fans."""
+"""Bounds of the slope of a side, columns per row: half an opening angle of 5 to 63°. A lower one takes leaning
+rectangles for fans."""
 _ASPECTS = np.arange(0.7, 1.5, 0.05)
-"""Rows ÷ columns of the same length, that are tried. No video mode is squeezed further."""
+"""Ratios of rows to columns of the same length that are tried. No video mode is squeezed further."""
 _LEAST_DEPTH = 1.15
-"""Radius of the lower arc, in radii of the face: what lies nearer is the lower edge of a line that is drawn there."""
+"""Least radius of the lower arc, in radii of the face: what is nearer is the lower edge of a line drawn there."""
 _BETWEEN = 0.97
-"""Share of the way from the middle to the sides up to which points belong to an arc: the corners belong to neither."""
+"""Share of the distance from the middle to the sides within which points belong to an arc: the corners belong to
+neither."""
 
 
 def thresholds(image: GreyImage) -> tuple[float, ...]:
-    """Greys up to which (h, w) uint8 is black, to be tried: by the noise of its darkest corner, and far above what a
-    coder leaves beside bright tissue; none where no corner is black.
+    """Returns the greys, to be tried in turn, up to which a picture, (h, w) uint8, is black.
+
+    The first follows from the noise of the darkest corner; the second, where there is one, is far above what a codec
+    leaves beside bright tissue. Returns none where no corner is black.
     """
     height, width = image.shape
     rows, columns = max(height // _CORNER, 1), max(width // _CORNER, 1)
@@ -51,8 +56,9 @@ def thresholds(image: GreyImage) -> tuple[float, ...]:
 
 
 def fan_about(image: GreyImage, black: float) -> Array | None:
-    """(7,) as `fan_borders` has it, of (h, w) uint8; the last number is NaN where the lower arc is not seen. None where
-    there is no fan.
+    """Returns the numbers of a fan, (7,) in the order of `fan_borders`, in a picture, (h, w) uint8; None without a fan.
+
+    The last number is NaN where the lower arc is not seen.
     """
     every = -(-max(image.shape) // _LONGEST_PX)
     shown = _shown(image[::every, ::every], black)
@@ -79,7 +85,7 @@ def fan_about(image: GreyImage, black: float) -> Array | None:
 
 
 def _shown(image: GreyImage, black: float) -> GreyImage | None:
-    """(h, w) uint8, 1 in the largest piece that is not black."""
+    """Returns (h, w) uint8 that is 1 in the largest piece that is not black; None where everything is black."""
     lit = (image > black).astype(np.uint8)
     pieces = cv2.morphologyEx(cv2.morphologyEx(lit, cv2.MORPH_CLOSE, _CLOSE), cv2.MORPH_OPEN, _OPEN)
     count, labels, stats, _ = cv2.connectedComponentsWithStats(pieces, connectivity=4)
@@ -89,7 +95,7 @@ def _shown(image: GreyImage, black: float) -> GreyImage | None:
 
 
 def _edges(shown: GreyImage) -> tuple[tuple[Array, Array], ...]:
-    """Places along each border, and where it is there; without what the picture's edge cuts off."""
+    """Returns the places along each border and where it is there, without what the picture's edge cuts off."""
     found: list[tuple[Array, Array]] = []
     for picture in (shown, np.ascontiguousarray(shown.T)):
         at = np.flatnonzero(picture.any(axis=1))
@@ -100,9 +106,13 @@ def _edges(shown: GreyImage) -> tuple[tuple[Array, Array], ...]:
 
 
 def _most(at: Array, where: Array, room: Array) -> tuple[float, float] | None:
-    """Line where = a + b at through two of the points that has most within its room of each, fitted to those."""
+    """Returns a, b of the line where = a + b · at that has most points within the room of each, fitted to those points.
+
+    Returns None where too few points lie on any line.
+    """
     if at.size < _LEAST_POINTS:
         return None
+    # Lines through random pairs of points are tried, and the one with most points near it is refined (RANSAC).
     random = np.random.default_rng(at.size)
     one = random.integers(0, at.size, _PAIRS)
     other = (one + random.integers(at.size // 5 + 1, at.size - at.size // 5, _PAIRS)) % at.size
@@ -125,7 +135,10 @@ def _most(at: Array, where: Array, room: Array) -> tuple[float, float] | None:
 def _arc(
     columns: Array, rows: Array, apex_x: float, apex_y: float, left: float, right: float
 ) -> tuple[float, float] | None:
-    """Radius, in rows, and aspect of the arc about the apex that most points between the sides lie on."""
+    """Returns the radius, in rows, and the aspect of the arc about the apex on which most points between the sides lie.
+
+    Returns None where too few points lie on any arc.
+    """
     beside, down = columns - apex_x, rows - apex_y
     between = (down > 0) & (beside > -_BETWEEN * left * down) & (beside < _BETWEEN * right * down)
     beside, down = beside[between], down[between]

@@ -1,7 +1,7 @@
-"""Sees from the borders of a convex picture that a grabber or the depth shifts or stretches it; no motion is needed.
+"""Detects from the borders of a convex picture that a grabber or the depth shifts or stretches it, without motion.
 
-What is seen is held against the fan of when motion last showed the scales. With the radius of the probe's face it says
-the scales themselves, and whether motion says the same.
+The fan is compared with the fan at the time when motion last showed the scales. With the radius of the probe's face it
+also yields the scales themselves, and whether motion agrees with them.
 """
 
 from collections.abc import Callable, Generator, Sequence
@@ -31,39 +31,41 @@ from probewatch.drivers.samples import GreyImage
 REPORTS_FAULTS = (Fault.SCALE,)
 
 _STRETCH_PERCENT, _SHIFT_PX = 0.4, 3.0
-"""Change from which the picture is another, whatever the limits tolerate: by less no grabber was set wrong. 1 % and 5
-px are found for certain. Less asks more of pictures whose borders are seen in parts."""
+"""Stretch and shift from which the picture is another, whatever the limits tolerate: no grabber is set wrong by less.
+1 % and 5 px are found for certain. Lower values ask more of pictures whose borders are seen in parts."""
 _LOOKS_NS = 350_000_000
-"""Between two looks, .15 ms each. Shorter costs more, longer names a change later."""
+"""ns between two looks, which cost .15 ms each. A shorter time costs more; a longer one names a change later."""
 _CONFIRMS_NS, _CONFIRMATIONS = 100_000_000, 3
-"""Between looks at a change, 2 ms each, and how many must say the same. Fewer name what wanders past."""
+"""ns between looks at a change, which cost 2 ms each, and how many must agree. With fewer, what moves past is named."""
 _SEARCHES_NS, _LONGEST_NS = 500_000_000, 10_000_000_000
-"""Between two searches for a fan that is not known, 10 ms each: at first, and in the end where none is found, as in a
-rectangle. Shorter costs more, longer finds one later that text or a menu had covered."""
+"""ns between two searches for a fan that is not known, which cost 10 ms each: at first, and in the end where none is
+found, as in a rectangular picture. Shorter times cost more; longer ones find a fan later that text or a menu covered.
+"""
 _AGAIN_NS, _LONGEST_REST_NS = 500_000_000, 4_000_000_000
-"""After borders were elsewhere, and not stretched, until they are measured again, as while a face comes off the skin;
-it doubles while no other border is elsewhere. Shorter costs more, longer names a change later that comes meanwhile."""
+"""ns, least and most, until borders that were elsewhere without a stretch are measured again, as while a face comes off
+the skin; the time doubles while no other border is elsewhere. Shorter times cost more; longer ones delay the name of a
+change that comes meanwhile."""
 _GONE_NS = 10_000_000_000
-"""Without the known fan after which another is looked for: a sector may be made narrower. Shorter gives one up that is
-hidden for a while, longer stays blind."""
+"""ns without the known fan after which another is looked for: a sector may have been made narrower. A shorter time
+gives up a fan that is hidden for a while; a longer one leaves changes unseen."""
 _REACH_PX, _PLACES = 6, 48
-"""px beside its place in which a border is looked for at each look, and places of each: more cost time."""
+"""px beside its place within which a border is looked for at each look, and places along each: more cost time."""
 _NEAR_PX, _HELD = 0.8, 0.6
-"""How near a border lies to where it was, and by what share of the usual number of its points, to be the same. Nearer
-takes a codec for a change, further misses 1 % of a small picture."""
+"""px within which a border must be where it was, and the share of the usual number of its points that must be, for it
+to be the same. Less distance takes a codec for a change; more misses 1 % of a small picture."""
 _FACE_PERCENT = 1.0
-"""Sigma of a radius in a calibration file: lens and gel are 0.3 to 0.6 mm before the elements, of 40 to 60. Not
-measured."""
+"""%, sigma of a radius in a calibration file: lens and gel are 0.3 to 0.6 mm in front of the elements, whose radius is
+40 to 60 mm. Not measured."""
 
 
 _PERCENT = np.array([100.0, 100.0, 1.0, 1.0])
-"""Factors that turn a change's numbers into % and px."""
+"""Factors that convert the numbers of a change to % and px."""
 _NOT_SEEN = np.full(2, np.nan)
-"""In place of what a hidden fan would show."""
+"""Values of the checks while the fan is hidden."""
 
 
 class _Outline:
-    """Where the borders of a fan lie in its pictures, to see quickly whether they are there."""
+    """Holds where the borders of a fan lie in its pictures, to test quickly whether they are still there."""
 
     def __init__(self, fan: Fan, image: GreyImage) -> None:
         self.fan = fan
@@ -73,21 +75,21 @@ class _Outline:
         self._least = _HELD * self._near(image)
 
     def missing(self, image: GreyImage) -> frozenset[int]:
-        """The borders that are not where they were."""
+        """Returns the borders that are not where they were."""
         gone = self._near(image) < self._least
         return frozenset(border for border, one in zip(self.fan.borders, gone, strict=True) if one)
 
     def _near(self, image: GreyImage) -> Array:
-        """(n,) places at which each border lies where it was."""
+        """Returns the number of places, (n,), at which each border is where it was."""
         near = self._window.near(image, self.fan.black, _NEAR_PX)
         return np.asarray(np.add.reduceat(near.astype(float), self._starts))
 
 
 class FanWatch(Detector):
-    """Compares the fan with that of when motion last showed the scales. It never says more of a calibration than that:
-    where no fan, or not enough of it, is seen, it says nothing.
+    """Compares the fan with the fan at the time when motion last showed the scales.
 
-    motion: checks of the latest solution.
+    It states nothing else about the calibration, and nothing at all where no fan, or not enough of it, is seen.
+    motion: returns the checks of the latest solution.
     """
 
     def __init__(self, reference: Calibration, limits: Limits, motion: Callable[[], Sequence[Check]]) -> None:
@@ -130,11 +132,11 @@ class FanWatch(Detector):
         return False
 
     def pause(self, t_ns: int) -> None:
-        """See Detector: what is half seen is seen again."""
+        """See Detector. A search or a confirmation under way begins again."""
         self._search = self._candidate = None
 
     def on_verified(self, shows: Callable[[Fault], bool], until_ns: int) -> None:
-        """See Detector: the fan of now is that of the reference, unless it came after the motion."""
+        """See Detector. The current fan becomes that of the reference, unless it appeared after the motion."""
         if self._reference.face_radius_mm is not None:
             self._moving = {check.name: check for check in self._motion()}
         fits = self._known is not None and self._visible and self._known_ns <= until_ns
@@ -143,15 +145,17 @@ class FanWatch(Detector):
         self._latest_checks = self._checks_now()
 
     def _answer(self, offset_shown: bool) -> None:
-        """Motion shows the scales with the fan of now."""
+        """Records that motion shows the scales with the current fan."""
         assert self._known is not None
         if self._shown is None or offset_shown:
             self._shown = self._known
             self._change = self._between(self._known, self._known)
 
     def checks(self) -> tuple[Check, ...]:
-        """Stretch, %, and shift, px, since motion showed the scales, NaN while the fan is hidden; with the radius of
-        the face the scales themselves, %, and by how much motion differs from them. None where no fan is known.
+        """Returns the stretch, %, and shift, px, since motion showed the scales; both are NaN while the fan is hidden.
+
+        Where the radius of the face is known, the scales themselves, %, and their difference from those of motion
+        follow. Returns none where no fan is known.
         """
         return self._latest_checks
 
@@ -161,7 +165,7 @@ class FanWatch(Detector):
         return (*self._since_shown(), *(self._absolute(self._known) if self._visible else ()))
 
     def _look(self, t_ns: int, image: GreyImage, outline: "_Outline") -> bool:
-        """Whether the borders are where they were; what is elsewhere is measured."""
+        """Tests whether the borders are where they were, measures what is elsewhere, and returns whether it changed."""
         missing = outline.missing(image)
         self._next_ns = t_ns + _LOOKS_NS
         self._note(
@@ -184,20 +188,20 @@ class FanWatch(Detector):
         return self._judge(t_ns, image, found, missing)
 
     def _note(self, t_ns: int, visible: bool) -> None:
-        """Whether enough of the fan is seen to say something; a fan that was not seen for long is known no more."""
+        """Notes whether enough of the fan is seen for a check, and forgets a fan that was not seen for a long time."""
         self._visible = visible
         self._seen_ns = t_ns if visible else self._seen_ns
         if not 0 <= t_ns - self._seen_ns <= _GONE_NS:
             self._forget()
 
     def _rest(self, t_ns: int, missing: frozenset[int]) -> None:
-        """Set until when borders that are elsewhere are not measured again."""
+        """Sets the time until which borders that are elsewhere are not measured again."""
         known = missing <= self._missing
         self._wait_ns = min(2 * self._wait_ns, _LONGEST_REST_NS) if known else _AGAIN_NS
         self._missing, self._again_ns = self._missing | missing, t_ns + self._wait_ns
 
     def _go_on(self, t_ns: int, image: GreyImage) -> bool:
-        """Go on with the search for a fan, which takes some pictures."""
+        """Continues the search for a fan, which takes several pictures; returns whether it shows a change."""
         assert self._search is not None
         try:
             next(self._search)
@@ -209,7 +213,7 @@ class FanWatch(Detector):
         return False
 
     def _learn(self, t_ns: int, image: GreyImage, found: Fan | None) -> None:
-        """A fan is known from some looks in a row that agree."""
+        """Takes a fan as known once enough looks in a row agree on it."""
         count = 0 if found is None else self._agreeing(found)
         if found is None:
             self._candidate, self._next_ns = None, t_ns + self._wait_ns
@@ -220,14 +224,14 @@ class FanWatch(Detector):
             self._take(t_ns, image, found)
 
     def _agreeing(self, found: Fan) -> int:
-        """Looks in a row, with this, that have seen the same fan elsewhere."""
+        """Returns the number of looks in a row, this one included, that have seen the same fan elsewhere."""
         before, count = self._candidate or (found, 0)
         count = count + 1 if self._alike(before, found) else 1
         self._candidate = found, count
         return count
 
     def _judge(self, t_ns: int, image: GreyImage, found: Fan | None, missing: frozenset[int]) -> bool:
-        """Whether borders that are elsewhere make a picture that was stretched or shifted, for some looks in a row."""
+        """Returns whether enough looks in a row show borders elsewhere as those of a stretched or shifted picture."""
         change = None if found is None or self._known is None else self._between(self._known, found)
         if found is None or change is None or not self._certain(change):
             self._candidate = None
@@ -241,7 +245,7 @@ class FanWatch(Detector):
         return True
 
     def _take(self, t_ns: int, image: GreyImage, found: Fan) -> None:
-        """The fan from now on."""
+        """Makes this the known fan from now on."""
         self._known, self._known_ns, self._outline = found, t_ns, _Outline(found, image)
         self._change = None if self._shown is None else self._between(self._shown, found)
         self._candidate, self._missing, self._wait_ns = None, frozenset(), _AGAIN_NS
@@ -256,7 +260,7 @@ class FanWatch(Detector):
         return change is not None and not self._certain(change)
 
     def _certain(self, change: FanChange) -> bool:
-        """Whether the picture is another for certain."""
+        """Returns whether the picture has certainly changed."""
         room = self._limits.confidence_sigma * change.sigmas
         beyond = np.abs(np.concatenate([100 * change.stretch, change.shift_px])) - room * _PERCENT
         return bool(np.any(beyond > [_STRETCH_PERCENT, _STRETCH_PERCENT, _SHIFT_PX, _SHIFT_PX]))
@@ -274,7 +278,7 @@ class FanWatch(Detector):
         )
 
     def _absolute(self, known: Fan) -> tuple[Check, ...]:
-        """The scales by the radius of the face, against the reference and against motion."""
+        """Returns checks of the scales by the radius of the face, against the reference and against motion."""
         face_mm = self._reference.face_radius_mm
         if face_mm is None:
             return ()
@@ -294,7 +298,7 @@ class FanWatch(Detector):
     def _check(
         self, name: str, values: Array, sigmas: Array, unit: str, limit: float, fault: Fault = Fault.SCALE
     ) -> Check:
-        """Check of the axis that is further off; one of AGREEMENT never fails."""
+        """Returns the check of the axis that is further off; a check of AGREEMENT never fails."""
         axis = int(np.argmax(np.abs(values)))
         value, sigma = float(values[axis]), float(sigmas[axis])
         room = self._limits.confidence_sigma * sigma

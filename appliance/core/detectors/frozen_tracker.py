@@ -1,4 +1,4 @@
-"""A tracker that reports exactly the same pose again and again while the picture moves repeats an old reading."""
+"""Detects a tracker that repeats an old reading: it reports exactly the same pose while the picture moves."""
 
 import numpy as np
 
@@ -10,20 +10,24 @@ from probewatch.drivers.samples import Matrix4, Pose
 REPORTS_FAULTS = (Fault.TRACKER_STALE,)
 
 _MOVED_MM = 1.0
-"""Way of the picture while the pose stays: more than registration errors add up to at rest, less than the slowest sweep
-goes in its half second. Not measured.
+"""mm that the picture must move while the pose stays the same: more than the sum of registration errors at rest, less
+than the slowest sweep covers in its half second. Not measured.
 """
 
 
 class FrozenTracker(Detector):
-    """Needs motion in the picture: a probe at rest on a noiseless tracker may well report equal poses."""
+    """Measures for how long poses have been equal while the picture moved.
+
+    It needs motion in the picture, because a tracker without noise may well report equal poses of a probe at rest.
+    limit_ns: age of the reading, ns, beyond which it is a fault.
+    """
 
     def __init__(self, limit_ns: int) -> None:
         self._limit_ns = limit_ns
         self.forget_poses(0)
 
     def forget_poses(self, since_ns: int) -> None:
-        """See Detector; the reading before is forgotten as well, and the next one is the first."""
+        """See Detector. The previous reading is forgotten as well, and the next one counts as the first."""
         self._matrix: Matrix4 | None = None
         self._since_ns = 0
         self._now_ns = 0
@@ -43,7 +47,7 @@ class FrozenTracker(Detector):
         return False
 
     def checks(self) -> tuple[Check, ...]:
-        """Age of the reading, ms, once the picture has moved more than a millimetre in that time; 0 before."""
+        """Returns the age of the reading, ms, once the picture has moved by more than 1 mm in that time; 0 before."""
         age_ns = self._now_ns - self._since_ns if self._moved_mm > _MOVED_MM else 0
         verdict = VerdictKind.FAULT if age_ns > self._limit_ns else VerdictKind.OK
         return (Check("frozen-tracker", Fault.TRACKER_STALE, age_ns / 1e6, 0.0, "ms", self._limit_ns / 1e6, verdict),)

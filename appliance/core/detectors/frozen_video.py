@@ -1,4 +1,4 @@
-"""A live picture is never the same twice: noise alone changes it. One that is was frozen, by a fault or by a hand."""
+"""Detects pictures that repeat: noise alone changes a live picture, so these were frozen, by a fault or by the user."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,20 +11,22 @@ from probewatch.drivers.samples import GreyImage
 REPORTS_FAULTS = (Fault.FROZEN_VIDEO, Fault.USER_FREEZE)
 
 _SAME_GREY = 2
-"""Difference up to which a pixel is the same: a video codec's ripple. More calls a dark, quiet picture frozen; noise of
-± 4 greys is live (tests/appliance/core/detectors/test_detectors.py).
+"""Largest difference, greys, at which a pixel is the same: the ripple of a video codec. A larger one calls a dark,
+quiet picture frozen; noise of ± 4 greys is live (tests/appliance/core/detectors/test_detectors.py).
 """
 _CHANGED_SHARE = 1e-3
-"""Share of the pixels that may change in a frozen picture: a clock of 20 × 10 px in 640 × 480 is .0007
-(tests/appliance/core/detectors/test_detectors.py). More calls a live picture frozen that moves in one place only.
+"""Largest share of the pixels that may change in a frozen picture: a clock of 20 × 10 px in 640 × 480 is .0007
+(tests/appliance/core/detectors/test_detectors.py). A larger one calls a live picture frozen that moves in one place
+only.
 """
 
 
 class FrozenVideo(Detector):
-    """Counts for how long successive pictures have been equal, up to a ticking clock in a corner.
+    """Measures for how long successive pictures have been equal, except for a ticking clock in a corner.
 
-    The line asks it first: what repeats the picture before is not registered. repeats: whether the latest did. Where
-    the screen changed beside the picture that stands, the user froze it: there is nothing to compare, and no fault.
+    The line asks it first, because a picture that repeats the one before is not registered. Where the screen changed
+    around the repeated picture, the user froze it: there is nothing to compare, and no fault.
+    repeats: whether the latest picture repeats the one before. limit_ns: time, ns, beyond which they are frozen.
     """
 
     def __init__(self, limit_ns: int) -> None:
@@ -33,7 +35,7 @@ class FrozenVideo(Detector):
         self.forget_pictures(0)
 
     def forget_pictures(self, since_ns: int) -> None:
-        """See Detector; the picture before is forgotten as well."""
+        """See Detector. The previous picture is forgotten as well."""
         self._image: NDArray[np.int16] | None = None
         self._screen.restart()
         self._since_ns = self._now_ns = 0
@@ -41,11 +43,11 @@ class FrozenVideo(Detector):
 
     @property
     def repeats_ns(self) -> int:
-        """Age of the picture's content."""
+        """Returns the age of the picture's content, ns."""
         return self._now_ns - self._since_ns
 
     def compare(self, t_ns: int, image: GreyImage) -> None:
-        """Take the next picture, (h, w) uint8, of t_ns."""
+        """Takes the next picture, (h, w) uint8, stamped t_ns."""
         sparse = sparse_of(image)
         before = self._image
         change = None if before is None or before.shape != sparse.shape else np.abs(sparse - before)
@@ -56,7 +58,7 @@ class FrozenVideo(Detector):
         self._image, self._now_ns = sparse, t_ns
 
     def checks(self) -> tuple[Check, ...]:
-        """Age of the picture's content, ms."""
+        """Returns the age of the picture's content, ms; none before the first picture."""
         if self._image is None:
             return ()
         name, fault, verdict = "frozen-video", Fault.FROZEN_VIDEO, VerdictKind.OK

@@ -1,16 +1,17 @@
-"""Sees the marker body jump on the probe: the tracker leaps, the picture does not.
+"""Detects that the marker body jumps on the probe: the tracker leaps, the picture does not.
 
-A probe in a hand cannot leap. Where the tracker does, between two readings, and the picture, which that leap ought to
-have moved or changed through X, shows none of it, it was the marker body that moved: bent (it turned) or slid (it only
-shifted). Leaps add up, so one that is undone is forgiven; an outlier, which leaps out and back, is none.
+A probe in a hand cannot leap. Where the tracker leaps between two readings, and the picture shows nothing of what
+should have moved or changed it through X, the marker body has moved: it was bent (it turned) or slid (it only shifted).
+Leaps add up, so one that is undone is forgiven; an outlier, which leaps out and back, does not count.
 
-A tracker's camera that is bumped, or pose times that swing by a tenth of a second, leap alike: the operator's text
-names both. After a bump motion verifies again, and forgives the leap; poses relative to a reference tool do not leap.
+A bumped camera of the tracker, or pose times that swing by a tenth of a second, cause the same leaps: the operator's
+text names both. After a bump, motion verifies again and forgives the leap; poses relative to a reference tool do not
+leap.
 
-Four kinds name nothing, but what was shown before them counts no more: a leap that no picture witnesses; one beyond a
-limit that a hand could have gone while the tracker was away for a moment, and that the pictures do not show; a step as
-far between two readings of a slow or flickering tracker, where nothing shows how the hand went; and a leap to a place
-of before from which the path goes on as it went then: poses that suddenly come late do that, and a body that slips does
+Four kinds of leap name nothing, but discard what was shown before them: a leap that no picture witnesses; one beyond a
+limit that a hand could have made while the tracker was away for a moment, and that the pictures do not show; a step as
+large between two readings of a slow or flickering tracker, where nothing shows how the hand moved; and a leap to an
+earlier place from which the path goes on as it did then: poses that suddenly come late do that, a body that slips does
 not.
 """
 
@@ -33,48 +34,56 @@ from probewatch.drivers.samples import Matrix4
 REPORTS_FAULTS = (Fault.ROTATION, Fault.OFFSET)
 
 _LEAST_MM, _LEAST_RAD = 1.0, np.deg2rad(0.75)
-"""Smallest leap that is added up, a quarter of its limit. A smaller one lets noise of .25 mm wake the fit at every
-reading; a larger one loses slips in small steps. Markers that are covered let a fit leap by 1 to 2 mm, and back."""
+"""Smallest leap that is added up, mm and rad, a quarter of its limit. A smaller one lets noise of .25 mm cause a fit at
+every reading; a larger one loses slips in small steps. Covered markers make the pose leap by 1 to 2 mm, and back."""
 _FAST_MM_PER_S, _FAST_RAD_PER_S = 60.0, np.deg2rad(45.0)
-"""How much faster a hand may suddenly go. More hides leaps: at 20 poses a second, 3 mm of each are taken for a hand. In
-the longest gap that is bridged it is 15 mm, so there no leap beyond a limit passes that the pictures do not show.
-"""
+"""Sudden change of a hand's velocity that is possible. Higher values hide leaps: at 20 poses a second, 3 mm of each
+leap are taken for the hand. In the longest gap that is bridged it is 15 mm, so a leap beyond a limit passes there only
+if the pictures show it."""
 _HISTORY_NS = 250_000_000
-"""What went before a leap, for what the hand does usually. Longer takes a turn of the hand for its straight course."""
+"""ns before a leap that show what the hand usually does. A longer time takes a turn of the hand for its straight
+course."""
 _SMOOTH_NS = 700_000_000
-"""Longest path in which a leap is looked for that a hand could have gone while the tracker was away: what went before,
-gap, and what comes after. With more, a gesture read five times a second was doubted twice a minute for nothing; with
-less, so is no leap in a longer gap (paths without pictures, two seeds)."""
+"""ns, longest path (what precedes the gap, the gap, and what follows it) in which a leap is looked for that a hand
+could have made while the tracker was away. With a longer one, a gesture read five times a second was doubted twice a
+minute for nothing; with a shorter one, no leap in a longer gap is doubted (paths without pictures, two seeds)."""
 _LEAST_STEPS = 4
-"""Before a leap is looked for: fewer do not show what the hand does usually, and more are lost after each gap."""
+"""Fewest steps before a leap is looked for: fewer do not show what the hand usually does; if more are required, more
+are lost after each gap."""
 _STAYS_NS = 100_000_000
-"""How long the marker must stay where it leapt to: an outlier of two poses at 20 Hz is over by then."""
+"""ns for which the marker must stay where it leapt to: an outlier of two poses at 20 Hz is over by then."""
 _CERTAIN = 8.0
-"""Sigmas by which a leap is one. Noise alone reaches them once in 1000 h of 60 fits a second of six rows (Student's t
-of 40 degrees of freedom, by calculation); with less, a .25 mm tracker alarms for nothing, with more it misses slides of
-4 mm. Tails heavier than that widen the sigma, which is of the same readings."""
+"""Sigmas from which a leap is certain. Noise alone reaches them once in 1000 h of 60 fits a second of six rows
+(Student's t with 40 degrees of freedom, by calculation). With fewer, a tracker of .25 mm alarms for nothing; with more,
+slides of 4 mm are missed. Heavier tails widen the sigma, which comes from the same readings."""
 _FLOOR = np.repeat([0.03, np.deg2rad(0.01)], 3)
-"""mm and rad: least scatter of a reading, as of the best optical trackers. Less trusts a window that happens to fit."""
+"""mm and rad, least scatter of a reading, that of the best optical trackers. A lower one trusts a window that happens
+to fit."""
 _PIECES, _ON_ITS_WAY_NS = 3, 35_000_000
-"""Readings, and time, that may lie on the way: a clamp that gives way is through in 50 ms. More takes a quick hand for
-it. One reading may in any case: of a slow tracker two steps in a row were none."""
+"""Fits, with none, one and two readings on the way of the leap, and the time, ns, that two may take: a clamp gives way
+within 50 ms. Higher values take a quick hand for a leap. One reading is allowed in any case: without it, two steps in a
+row of a slow tracker were not a leap."""
 _LEAST_AFTER = 3
-"""Readings from the leap on, before it is given up: one on the way, and two that show where the hand goes then."""
+"""Readings from the leap on before it is given up: one on the way, and two that show where the hand goes then."""
 _USUAL, _MEMORY_S = 2.5, 1.0
-"""How many times the usual difference from a steady course is odd, and for how long differences count as usual. Less
-spends a fit on every reading of a tracker of .25 mm, more hides slips at 20 Hz in a lively hand."""
+"""Multiple of the usual deviation from a steady course that is odd, and s for which deviations count as usual. A lower
+multiple spends a fit on every reading of a tracker of .25 mm; a higher one hides slips at 20 Hz in a lively hand."""
 _PAST_NS = 1_200_000_000
-"""Path that a leap may repeat: lags of 1 s are named (`appliance.core.path.explanation`), a leap takes .1 s more."""
+"""ns of path that a leap may repeat: lags of 1 s are named (`appliance.core.path.explanation`), a leap takes .1 s more.
+"""
 _RETRACED = 4.0
-"""Mean square of what a path differs from an earlier part of itself, in that of noise, up to which it repeats it. Of
-poses that fell back by .1 to .8 s it was .1 to 1.1, of slips by 5 mm or 3.5° 90 and more (60 each, in-plane and gesture
-of the study, seed 1). Less names late poses as slips, more doubts slips without naming them."""
+"""Largest mean square of the difference between a path and an earlier part of itself, in that of the noise, at which it
+repeats that part. It was .1 to 1.1 for poses that fell back by .1 to .8 s, and 90 and more for slips by 5 mm or 3.5°
+(60 each, in-plane and gesture of the study, seed 1). A lower value names late poses as slips; a higher one doubts slips
+without naming them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Seen:
-    """A picture. moved: (3,) way of the picture plane since the one before, mm, mm, rad; None for one that is no
-    witness."""
+    """Holds a picture.
+
+    moved: (3,) motion of the picture plane since the one before, mm, mm, rad; None for one that is not a witness.
+    """
 
     t_ns: int
     moved: Array | None
@@ -82,13 +91,16 @@ class _Seen:
 
     @property
     def away_mm(self) -> float:
-        """How far out of the plane its keyframe's is by their likeness exp(−d²/2): rather more than the true way up to
-        .75 mm, less beyond 1 mm (tests/appliance/core/registration/test_registration.py)."""
+        """Returns its distance out of the plane of its keyframe, mm, by their likeness exp(−d²/2).
+
+        That is rather more than the true distance up to .75 mm, and less beyond 1 mm
+        (tests/appliance/core/registration/test_registration.py).
+        """
         return sqrt(-2 * log(max(self.likeness, ALIKE)))
 
 
 class MarkerSlip(BodySlip):
-    """Sums the leaps of the marker body in its own axes: B' = B · D.
+    """Accumulates the leaps of the marker body in its own axes: B' = B · D.
 
     Leaps are looked for between poses, not between the poses of pictures: those are interpolated, so that one leap
     would be spread over two of them and each half taken for the hand's.
@@ -106,7 +118,7 @@ class MarkerSlip(BodySlip):
         self._before_ns = 0
 
     def see(self, seen: Observation) -> bool:
-        """See Detector; True also for a leap that no picture witnessed, and for poses that fell back."""
+        """See Detector. Returns True also for a leap that no picture witnessed, and for poses that fell back."""
         if seen.repeated:
             return False
         witness = seen.moved is not None and seen.likeness >= ALIKE
@@ -119,7 +131,7 @@ class MarkerSlip(BodySlip):
         return leapt
 
     def pause(self, t_ns: int) -> None:
-        """See Detector: forget pictures and poses so far."""
+        """See Detector. Pictures and poses so far are forgotten."""
         self._pictures.clear()
         super().pause(t_ns)
 
@@ -131,8 +143,9 @@ class MarkerSlip(BodySlip):
             self._slip[:3, 3] = 0.0
 
     def checks(self) -> tuple[Check, ...]:
-        """Turn and shift of the marker body since the reference, deg and mm; of the shift also what is across the
-        picture, which motion does not recover.
+        """Returns the turn, deg, and the shift, mm, of the marker body since the reference.
+
+        The part of the shift across the picture, which motion does not recover, has a check of its own.
         """
         shift, turn_rad = extent(self._slip)
         across = float(self._X[2, :3] @ self._slip[:3, 3])
@@ -150,6 +163,7 @@ class MarkerSlip(BodySlip):
         self._leapt_ns = None
 
     def _weigh(self, t_ns: int, matrix: Matrix4) -> bool:
+        """Adds a reading to the track and returns whether the leap under examination has been found or doubted."""
         if self._track and not 0 < t_ns - self._track[-1][0] <= MOST_APART_NS:
             self._restart()
         odd = self._is_odd(t_ns, matrix)
@@ -168,13 +182,13 @@ class MarkerSlip(BodySlip):
             return False
         leapt = self._conclude(leapt_ns)
         if not leapt and self._track[-_LEAST_AFTER][0] < leapt_ns:
-            self._leapt_ns = leapt_ns
+            self._leapt_ns = leapt_ns  # too few readings since: it is examined again at the next one
         elif odd and not leapt:
             self._leapt_ns, self._before_ns = t_ns, before_ns
         return leapt
 
     def _is_odd(self, t_ns: int, matrix: Matrix4) -> bool:
-        """Whether the reading is where no steady hand would have brought the marker: then it is worth a fit."""
+        """Returns whether a steady hand would not have moved the marker to this reading, which is then worth a fit."""
         if not self._track:
             return False
         off = self._off_course(t_ns, matrix)
@@ -186,8 +200,9 @@ class MarkerSlip(BodySlip):
         return bool(odd.any())
 
     def _off_course(self, t_ns: int, matrix: Matrix4) -> Array:
-        """(2,) mm and rad: how far the step to this reading is from the mean velocity of the recent ones, if there is
-        more than one, in sensor axes; turns are small.
+        """Returns how far, (2,) mm and rad, the step to this reading is from the mean velocity of the recent ones.
+
+        The velocity counts as 0 where there is only one. The axes are the sensor's; turns are taken as small.
         """
         (first_ns, first), (last_ns, last) = self._track[0], self._track[-1]
         step, way = last[:3, :3].T @ matrix[:3], first[:3, :3].T @ last[:3]
@@ -197,7 +212,7 @@ class MarkerSlip(BodySlip):
         return np.array([hypot(*moved.tolist()), hypot(*turned.tolist())])
 
     def _conclude(self, leapt_ns: int) -> bool:
-        """Weigh the leap now that it is seen whether the marker stays; True where something leapt."""
+        """Examines the leap once it shows whether the marker stays; returns whether something leapt or is doubted."""
         self._leapt_ns = None
         t_ns = np.array([t for t, _ in self._track])
         after = int(np.searchsorted(t_ns, leapt_ns))
@@ -222,9 +237,10 @@ class MarkerSlip(BodySlip):
         return True
 
     def _stole_away(self, t_ns: Array, path: Array, after: int) -> bool:
-        """Whether the body went beyond a limit in the step to that reading or in two, unseen, where too few readings
-        before it show what the hand did. Unasked, 5 mm out of the plane within a gap of 100 ms stayed verified for
-        24 s, and with a tracker of 4 to 8 Hz for as long as was looked.
+        """Returns whether the body went beyond a limit unseen, in the step to that reading or in two steps.
+
+        This is asked where too few readings before it show what the hand did. Without it, 5 mm out of the plane within
+        a gap of 100 ms stayed verified for 24 s, and with a tracker of 4 to 8 Hz for as long as it was observed.
         """
         if after > _LEAST_STEPS and self._smooth(t_ns):
             return False
@@ -242,26 +258,31 @@ class MarkerSlip(BodySlip):
         return False
 
     def _falls_back(self, base: Matrix4, t_ns: Array, path: Array, after: int, found: Leap) -> bool:
-        """Whether the readings from the leap on repeat those of before it."""
+        """Returns whether the readings from the leap on repeat those before it."""
         past = [reading for reading in self._past if reading[0] < t_ns[after]]
         past_s = np.array([t for t, _ in past]) / 1e9
         later_s, later = t_ns[after:] / 1e9, path[after:]
         return retraced(past_s, self._path(base, past), later_s, later, found.noise) <= _RETRACED
 
     def _leave(self, after: int) -> None:
-        """What came before the leap says nothing of what the hand does after it."""
+        """Drops the readings before the leap, which say nothing about what the hand does after it."""
         for _ in range(after):
             self._track.popleft()
 
     def _path(self, base: Matrix4, readings: Iterable[tuple[int, Matrix4]]) -> Array:
-        """(n, 6) of the picture plane against where it was at base, in its axes: mm and rad, as X and the poses say."""
+        """Returns the path, (n, 6) mm and rad, of the picture plane from its place at base, in its axes there.
+
+        It follows from X and the poses alone.
+        """
         motion = self._X @ inverse(base) @ np.array([matrix for _, matrix in readings]) @ self._back
         turns = np.array([vector_from_rotation(one[:3, :3]) for one in motion])
         return np.column_stack([motion[:, :3, 3], turns])
 
     def _surest(self, t_ns: Array, path: Array, after: int) -> tuple[Leap | None, int]:
-        """The surest of the fits without, one or two readings on the way, and the time, ns, that the leap took; None
-        where none is a leap of more than a hand does, or of what the limits allow."""
+        """Returns the most certain of the fits with none, one or two readings on the way, and the leap's time, ns.
+
+        Returns None where no fit is a leap further than a hand goes, or beyond what the limits allow.
+        """
         best: Leap | None = None
         best_ns = 0
         smooth = self._smooth(t_ns)
@@ -281,11 +302,11 @@ class MarkerSlip(BodySlip):
 
     @staticmethod
     def _smooth(t_ns: Array) -> bool:
-        """Whether the readings are near enough to recognise a leap that a hand could have gone."""
+        """Returns whether the readings are near enough in time to recognise a leap that a hand could have made."""
         return bool(t_ns[-1] - t_ns[0] <= _SMOOTH_NS)
 
     def _too_far(self, size: Array, taken_ns: int) -> bool:
-        """Whether the marker went further than a hand may suddenly go in that time."""
+        """Returns whether the marker went further than a hand may suddenly go in that time."""
         moved_mm, turned_rad = extent(self._of_body(size))
         taken_s = taken_ns / 1e9
         return moved_mm > max(_LEAST_MM, _FAST_MM_PER_S * taken_s) or turned_rad > max(
@@ -293,13 +314,15 @@ class MarkerSlip(BodySlip):
         )
 
     def _unseen(self, size: Array, before_ns: int, leapt_ns: int, nodes_ns: Array | None = None) -> Array | None:
-        """(6,) what of a leap between two readings the pictures do not show; None where they are not enough. nodes_ns:
-        (4,) times of the readings from which alone it is known.
+        """Returns the part, (6,), of a leap between two readings that the pictures do not show.
+
+        Returns None where there are too few pictures. nodes_ns: (4,) times of the only readings from which it is known.
         """
         since_ns = before_ns - SHIFT_NS
         around = [one for one in self._pictures if since_ns <= one.t_ns <= leapt_ns + SHIFT_NS]
         if len(around) < 2 or any(one.moved is None for one in around):
             return None
+        # In the plane the motion of the pictures is subtracted; out of it all is, where their likeness fell far enough.
         left = size.copy()
         wanted = size[[0, 1, 5]]
         left[[0, 1, 5]] -= (
@@ -313,8 +336,9 @@ class MarkerSlip(BodySlip):
         return left
 
     def _seen_leap(self, wanted: Array, before_ns: int, leapt_ns: int) -> Array:
-        """(3,) leap of the picture near that time that is most like the wanted one; nothing where that is nearer. Its
-        way is what the tracker could see of it: nothing for as long as no reading came.
+        """Returns the leap of the picture, (3,), near that time that is most like the wanted one, or 0 if 0 is nearer.
+
+        Its path is the part that the tracker could see, so pictures from the time without readings are left out.
         """
         since_ns, away_ns = before_ns - _HISTORY_NS - SHIFT_NS / 2, leapt_ns - before_ns
         pictures = [one for one in self._pictures if one.t_ns >= since_ns]
@@ -331,7 +355,7 @@ class MarkerSlip(BodySlip):
         return best
 
     def _seen_step(self, wanted: Array, nodes_ns: Array) -> Array:
-        """(3,) the same of the picture's way at those times, or somewhat earlier or later."""
+        """Returns the same, (3,), for a step, from the path of the picture at those times or a little beside them."""
         t_ns = np.array([one.t_ns for one in self._pictures])
         path = np.cumsum([np.zeros(3) if one.moved is None else one.moved for one in self._pictures], axis=0)
         best = np.zeros(3)
@@ -341,14 +365,14 @@ class MarkerSlip(BodySlip):
         return best
 
     def _nearer(self, wanted: Array, one: Array, other: Array) -> Array:
-        """The one of two ways of the picture, mm, mm, rad, that is more like the wanted one."""
+        """Returns which of two motions of the picture, mm, mm, rad, is more like the wanted one."""
         reach = np.array([1.0, 1.0, hypot(*self._reach_mm)])
         apart = [np.linalg.norm((wanted - way) * reach) for way in (one, other)]
         return one if apart[0] <= apart[1] else other
 
 
 def _turn(step: Array) -> Array:
-    """(3,) rotation vector, rad, of a small turn."""
+    """Returns the rotation vector, (3,) rad, of a small turn."""
     return np.array([step[2, 1] - step[1, 2], step[0, 2] - step[2, 0], step[1, 0] - step[0, 1]]) / 2
 
 

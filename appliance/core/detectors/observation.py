@@ -1,4 +1,4 @@
-"""The observation of one picture, as detectors receive it."""
+"""Defines the observation of one picture, as detectors receive it."""
 
 from dataclasses import dataclass
 
@@ -9,21 +9,22 @@ from probewatch.drivers.rigid import Array
 from probewatch.drivers.samples import Frame, GreyImage, Matrix4
 
 _STEADY_CORRELATION = 0.6
-"""Likeness from which a picture may testify against the tracker. Less takes a bad registration for a leap of the
-marker; more pauses the search for leaps in quick sweeps. Not measured.
+"""Likeness at or above which a picture may contradict the tracker. A lower value takes a bad registration for a leap of
+the marker; a higher one pauses the search for leaps in quick sweeps. Not measured.
 """
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Observation:
-    """The results of registration for one picture, which has the size of the reference's.
+    """Holds the results of registration for one picture, which has the size of the reference's pictures.
 
-    image: (h, w) uint8. repeated: the same picture as the one before, which shows nothing new. followed: the Real-time
-    Tracker registered it. step_mm: (2,) lateral and axial motion since the picture before; None where it was followed
-    too badly to testify against the tracker. moved: (3,) way of the picture plane since the picture before, lateral and
-    axial mm and turn rad in the axes of that one; None where it is not known. warp: the same of the tissue in the
-    picture, (u (2,) px, α rad), as `Registration` has it. likeness: to its keyframe, 0 … 1; keyframe: which one.
-    pose: (4, 4) sensor → tracker at its time, mm; None for a picture without one.
+    image: (h, w) uint8. repeated: whether the picture equals the one before and so shows nothing new. followed: whether
+    the Real-time Tracker registered it. step_mm: (2,) lateral and axial motion since the picture before; None where the
+    picture was registered too poorly to contradict the tracker. moved: (3,) motion of the picture plane since the
+    picture before, lateral and axial in mm and turn in rad, in the axes of that picture; None where it is not known.
+    warp: the same motion for the tissue in the picture, (u (2,) px, α rad), as in `Registration`. likeness: that to its
+    keyframe, 0 … 1. keyframe: sequence number of that keyframe. pose: (4, 4) sensor → tracker at the time of the
+    picture, mm; None for a picture without one.
     """
 
     t_ns: int
@@ -39,7 +40,7 @@ class Observation:
 
 
 def observed(frame: Frame, pose: Matrix4 | None, tracked: Tracked, reference: Calibration) -> Observation:
-    """Returns what the Real-time Tracker has made of the picture. pose: of its time, as `Observation` has it."""
+    """Returns the observation of a picture that the Real-time Tracker has taken. pose: as in `Observation`."""
     found = tracked.registration
     if found is None:
         return Observation(frame.stamp.t_ns, frame.image, repeated=False, pose=pose)
@@ -58,7 +59,7 @@ def observed(frame: Frame, pose: Matrix4 | None, tracked: Tracked, reference: Ca
 
 
 def _step_mm(tracked: Tracked, reference: Calibration) -> Array | None:
-    """(2,) as `Observation` has it."""
+    """Returns the step, (2,), as in `Observation`."""
     found = tracked.registration
     if tracked.step is None or found is None or found.correlation < _STEADY_CORRELATION:
         return None

@@ -1,7 +1,7 @@
-"""Poses that mean something else than was agreed: inverted, turned about other axes, a quaternion in another order.
+"""Detects poses in another convention than agreed: inverted, turned about other axes, a quaternion in another order.
 
-Nothing of the calibration explains what they say of the motion, so no parameter is ever shown; what does explain it is
-searched for elsewhere (`appliance.core.path.explanation`) and named here.
+No change of the calibration explains the motion that such poses report, so no parameter is ever shown; an explanation
+is searched for elsewhere (`appliance.core.path.explanation`) and named here.
 """
 
 from collections.abc import Callable
@@ -19,9 +19,9 @@ WRONG = frozenset({*READINGS, Convention.SWAPPED})
 
 
 class PoseConvention(Detector):
-    """Two searches in a row must find the same convention. It never says OK.
+    """Names a convention that two searches in a row have found. It never says OK.
 
-    explained: the latest explanation of a motion that the reference does not explain.
+    explained: returns the latest explanation of a motion that the reference does not explain.
     """
 
     def __init__(self, explained: Callable[[], Explanation | None]) -> None:
@@ -45,12 +45,12 @@ class PoseConvention(Detector):
         return False
 
     def on_verified(self, shows: Callable[[Fault], bool], until_ns: int) -> None:
-        """See Detector: poses of another convention do not show all rotations to be right."""
+        """See Detector. Poses in another convention do not show all rotations to be right."""
         if shows(Fault.ROTATION):
             self._named = self._latest = None
 
     def checks(self) -> tuple[Check, ...]:
-        """Check by how much a convention explains the motion better than any other; none while nothing is wrong."""
+        """Returns the check of how much better the named convention explains the motion than any other, or none."""
         if self._named is None:
             return ()
         name, margin = self._named.convention.value, self._named.margin

@@ -1,6 +1,7 @@
-"""The depth ruler that a scanner draws beside its sector: a column of short marks at equal distances.
+"""Finds and measures the depth ruler that a scanner draws beside its sector: a column of short marks, equally spaced.
 
-Found among what never moves, measured to a fraction of a pixel. Pure geometry; `depth_ruler` says what a change means.
+It is found among what never moves and measured to a fraction of a pixel. This module is pure geometry; `depth_ruler`
+decides what a change means.
 """
 
 from dataclasses import dataclass
@@ -14,53 +15,62 @@ from probewatch.drivers.rigid import Array
 from probewatch.drivers.samples import GreyImage
 
 _THIN = np.ones((9, 1), np.uint8)
-"""px: what is as high or higher is no tick. Ticks are 1 to 3 px, 5 behind a blurring grabber; letters are higher."""
+"""Height, px, from which a mark is not a tick. Ticks are 1 to 3 px high, 5 behind a blurring grabber; letters are
+higher."""
 _ABOUT = 3
-"""px above and below a mark's peak that its centre is taken of. More reaches into the next tick of a fine ruler."""
+"""px above and below a mark's peak over which its centre is computed. More reach into the next tick of a fine ruler."""
 _APART_PX = 8.0
-"""Least spacing of ticks: closer ones are one mark under `_ABOUT`. 1 mm ticks of 200 mm in 1080 rows are 5 px apart and
-are not found; their neighbours of 5 mm are not either, as all stand in the same columns."""
+"""px, least spacing of ticks: within `_ABOUT`, closer ones are a single mark. Ticks of 1 mm, at 200 mm in 1080 rows,
+are 5 px apart and are not found; nor are the 5 mm ticks among them, because all stand in the same columns."""
 _LEAST_GREY = 20.0
-"""Grey of a mark above its surroundings, mean over the ruler's columns. Less counts the noise of a grabber (sigma 6
-greys of 3 columns come to 15 at worst in 480 rows); more misses dim rulers. Not measured on real scanners."""
+"""Least grey of a mark above its surroundings, mean over the ruler's columns. A lower one counts the noise of a grabber
+(a sigma of 6 greys reaches 15 at worst over 3 columns and 480 rows); a higher one misses dim rulers. Not measured on
+real scanners."""
 _OF_USUAL = 0.5
-"""Share of the usual mark's height, below which a mark is none: the shadow of a letter, the ripple of a codec."""
+"""Share of the median height of the marks below which a mark is ignored, as the shadow of a letter or the ripple of a
+codec."""
 _FURTHEST = 3
-"""Spacings from one tick to the next that is seen: two may be covered in a row. More bridges lines of text."""
+"""Most spacings from one visible tick to the next: two in a row may be covered. More bridge lines of text."""
 _LEAST_TICKS, _LEAST_SPAN = 5, 0.33
-"""Ticks, and their share of the picture's rows. Fewer or shorter takes lines of text for a ruler; more misses coarse
-ones: a depth of 40 mm has five ticks of 10 mm."""
+"""Fewest ticks, and the least share of the picture's rows that they span. Lower values take lines of text for a ruler;
+higher ones miss coarse rulers: a depth of 40 mm has five ticks of 10 mm."""
 _STRAY_PX, _STRAY_SHARE = 1.1, 0.06
-"""How far a tick may be from its place, px or share of the spacing: whole rows round two ticks by .5 px each."""
+"""How far a tick may be from its place, px or share of the spacing: two ticks in whole rows are rounded by .5 px each.
+"""
 _MISSING, _EXTRA = 0.25, 0.34
-"""Shares of the ticks that something may cover, and of marks that are no ticks. More finds rulers in text; fewer loses
-one under a menu's corner or a focus mark."""
+"""Share of the ticks that may be covered, and share of marks that are not ticks. Higher values find rulers in text;
+lower ones lose a ruler under the corner of a menu or a focus mark."""
 _MOST_MARKS = 150
-"""Marks in a column, beyond which it is no ruler: 1080 rows hold 135 ticks. Bounds the time of a hostile picture."""
+"""Most marks in a column that may be a ruler: 1080 rows hold 135 ticks. This bounds the time that a hostile picture
+takes."""
 _ROUNDED_PX = 0.29
-"""Standard deviation of a tick's place that the scanner rounded to whole rows: 1 ÷ √12. Where the ticks agree better
-by chance, this much is still left of doubt."""
+"""px, standard deviation of the place of a tick that the scanner rounded to whole rows: 1 ÷ √12. It is the least
+uncertainty, also where the ticks agree better by chance."""
 _BESIDE = 8
-"""px beside the ruler's columns that belong to how it looks: ticks end there, lines of a menu go on."""
+"""px on either side of the ruler's columns that belong to its cross-section: ticks end there, lines of a menu go on."""
 _LONGEST_PX = 60
-"""Columns on either side in which a tick may go on. Longer marks are lines, and cost more to look at."""
+"""Columns on either side into which a tick may extend. Longer marks are lines, and cost more to examine."""
 _ALIKE, _BRIGHT = 0.75, (0.5, 2.0)
-"""Correlation of two rulers' cross-sections, and ratio of their heights, within which they are one scanner's. Less
-takes a menu's lines for the ruler; more loses it under another major tick or a blur. Menus of full lines have .3."""
+"""Least correlation of two rulers' cross-sections, and bounds of the ratio of their heights, for both to be the same
+scanner's. A lower correlation takes the lines of a menu for the ruler; a higher one loses the ruler under another major
+tick or a blur. Menus of full lines reach .3."""
 _HELD = 0.8
-"""Share of the ticks that must stand where they stood for the ruler to be unchanged whatever else is new."""
+"""Share of the ticks that must be where they were for the ruler to be unchanged, whatever else is new."""
 _SAME_ROWS = 3
-"""Rows of a profile that may differ by half a tick without another look: a mark that passes, not a ruler, all of whose
-ticks but the first move."""
+"""Most rows of a profile that may differ, by half the height of a tick, before the ruler is examined again: a passing
+mark changes as few; where the ruler changes, all ticks but the first move."""
 _WIDTH = 3
-"""Columns that a ruler is looked for in at once: the shortest tick. Fewer see noise; more miss short ticks."""
+"""Columns in which a ruler is looked for at once: the length of the shortest tick. Fewer see noise; more miss short
+ticks."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Ruler:
-    """columns: from, to, common to all ticks. rows: (n,) of the ticks, px. spacing_px, sigma_px: of the ticks; one
-    standard deviation. profile: (h,) greys above the surroundings.
-    look: (columns and _BESIDE on either side,) cross-section of the usual tick.
+    """Holds one depth ruler as measured in a picture.
+
+    columns: first column, and the one after the last, that all ticks have in common. rows: (n,) rows of the ticks, px.
+    spacing_px, sigma_px: spacing of the ticks and its standard deviation. profile: (h,) greys above the surroundings.
+    look: (columns and _BESIDE on either side,) cross-section of the median tick.
     """
 
     columns: tuple[int, int]
@@ -72,9 +82,9 @@ class Ruler:
 
 
 def candidates(image: GreyImage, tissue: Bits) -> tuple[int, ...]:
-    """Columns of (h, w) uint8 where as many marks stand still as a ruler has, the fullest first.
+    """Returns the columns of a picture, (h, w) uint8, that have enough stationary marks for a ruler, the fullest first.
 
-    tissue: (h, w) bool, the registration's mask: False where what is drawn never moves.
+    tissue: the registration's mask, (h, w) bool, False where the picture never moves.
     """
     if image.shape[1] < _WIDTH:
         return ()
@@ -87,7 +97,10 @@ def candidates(image: GreyImage, tissue: Bits) -> tuple[int, ...]:
 
 
 def ruler_at(image: GreyImage, column: int) -> Ruler | None:
-    """The ruler whose ticks cover this column and those right of it, (h, w) uint8; None where there is none."""
+    """Returns the ruler whose ticks cover this column and those right of it; None where there is none.
+
+    image: (h, w) uint8.
+    """
     grid = _grid(_profile(image, (column, column + _WIDTH)))
     if grid is None:
         return None
@@ -96,8 +109,9 @@ def ruler_at(image: GreyImage, column: int) -> Ruler | None:
 
 
 def ruler_again(image: GreyImage, known: Ruler) -> Ruler | None:
-    """The ruler where one was known: `known` itself where it has not changed, another where its ticks moved, None where
-    no ruler that looks like it is seen.
+    """Returns the ruler in place of a known one: `known` itself where it is unchanged, another where its ticks moved.
+
+    Returns None where no ruler that looks like it is seen.
     """
     profile = _profile(image, known.columns)
     if same(profile, known.profile):
@@ -110,20 +124,20 @@ def ruler_again(image: GreyImage, known: Ruler) -> Ruler | None:
 
 
 def same(profile: Array32, before: Array32) -> bool:
-    """Whether two profiles, (h,), differ in no more rows than a passing mark."""
+    """Returns whether two profiles, (h,), differ in no more rows than a passing mark changes."""
     limit = max(_LEAST_GREY, float(before.max())) * _OF_USUAL
     return bool(np.count_nonzero(np.abs(profile - before) > limit) <= _SAME_ROWS)
 
 
 def _profile(image: GreyImage, columns: tuple[int, int]) -> Array32:
-    """(h,) greys of thin marks, mean over the columns."""
+    """Returns the greys of thin marks, (h,), as the mean over the columns."""
     strip = np.ascontiguousarray(image[:, columns[0] : columns[1]])
     means = cv2.reduce(strip, 1, cv2.REDUCE_AVG, dtype=cv2.CV_32F)
     return np.asarray(cv2.morphologyEx(means, cv2.MORPH_TOPHAT, _THIN), np.float32)[:, 0]
 
 
 def _marks(profile: Array32) -> Array:
-    """(m,) rows of the marks in a profile, ascending, px, by their centres."""
+    """Returns the rows of the centres of the marks in a profile, (m,), ascending, px."""
     around = cv2.dilate(profile[:, None], np.ones((2 * _ABOUT + 1, 1), np.uint8))[:, 0]
     peaks = np.flatnonzero((profile >= around) & (profile > _LEAST_GREY))
     peaks = peaks[(peaks >= _ABOUT) & (peaks < profile.size - _ABOUT)]
@@ -136,7 +150,7 @@ def _marks(profile: Array32) -> Array:
 
 
 def _grid(profile: Array32) -> tuple[Array, float, float] | None:
-    """Rows of the ticks, spacing and its sigma, px, of the longest row of equal distances among the marks."""
+    """Finds the longest series of equal distances among the marks: rows of its ticks, spacing and its sigma, px."""
     marks = _marks(profile)
     if not _LEAST_TICKS <= marks.size <= _MOST_MARKS:
         return None
@@ -151,7 +165,7 @@ def _grid(profile: Array32) -> tuple[Array, float, float] | None:
 
 
 def _row_of(marks: list[float], seed: int) -> tuple[list[float], list[int]]:
-    """Ticks, and their numbers, grown both ways from a pair of neighbours."""
+    """Returns ticks and their numbers, extended in both directions from a pair of neighbours."""
     rows, numbers = [marks[seed], marks[seed + 1]], [0, 1]
     for onward, beyond in ((True, marks[seed + 2 :]), (False, marks[:seed][::-1])):
         for mark in beyond:
@@ -176,6 +190,7 @@ def _accepted(row: tuple[list[float], list[int]], marks: Array, height: int) -> 
     within = np.count_nonzero((marks > rows[0] - 0.5) & (marks < rows[-1] + 0.5))
     if rows.size < (1 - _MISSING) * places or within - rows.size > _EXTRA * rows.size:
         return None
+    # The spacing is the slope of the least-squares line of row against number.
     centred = numbers - numbers.mean()
     spread = float(centred @ centred)
     spacing = float(centred @ rows) / spread
@@ -187,7 +202,7 @@ def _accepted(row: tuple[list[float], list[int]], marks: Array, height: int) -> 
 
 
 def _columns(image: GreyImage, rows: Array, column: int) -> tuple[int, int]:
-    """From, to: the columns around this one that all ticks cover."""
+    """Returns the range of columns around this one that the ticks have in common, its end excluded."""
     left = max(column - _LONGEST_PX, 0)
     ticks = _ticks(image[:, left : column + _LONGEST_PX], rows)
     place = column - left
@@ -202,7 +217,7 @@ def _columns(image: GreyImage, rows: Array, column: int) -> tuple[int, int]:
 
 
 def _ticks(strip: GreyImage, rows: Array) -> Array32:
-    """(n, columns) greys of the ticks at these rows above their surroundings."""
+    """Returns the greys of the ticks at these rows above their surroundings, (n, columns)."""
     thin = cv2.morphologyEx(np.ascontiguousarray(strip), cv2.MORPH_TOPHAT, _THIN).astype(np.float32)
     places = np.clip(np.round(rows).astype(int), 1, strip.shape[0] - 2)
     return np.asarray(np.maximum(np.maximum(thin[places - 1], thin[places]), thin[places + 1]), np.float32)
@@ -218,7 +233,7 @@ def _measured(image: GreyImage, columns: tuple[int, int]) -> Ruler | None:
 
 
 def _look(image: GreyImage, rows: Array, columns: tuple[int, int]) -> Array32:
-    """(columns and what is beside,) greys of the usual tick above its surroundings; 0 beyond the picture's edge."""
+    """Returns the cross-section `look` of a `Ruler`; it is 0 beyond the edge of the picture."""
     start, stop = columns[0] - _BESIDE, columns[1] + _BESIDE
     usual = np.median(_ticks(image[:, max(start, 0) : min(stop, image.shape[1])], rows), axis=0)
     left, right = max(-start, 0), max(stop - image.shape[1], 0)
@@ -233,7 +248,7 @@ def _alike(look: Array32, known: Array32) -> bool:
 
 
 def _holds(marks: Array, known: Ruler) -> bool:
-    """Whether the marks are the known ticks, but for a few that are covered or new."""
+    """Returns whether the marks are the known ticks, except for a few that are covered or new."""
     if not marks.size:
         return False
     nearest = np.abs(marks[:, None] - known.rows).min(axis=0)

@@ -1,7 +1,7 @@
-"""Sees tracker and picture drift apart in the plane, within half a second or five, as where a body gives way to a hand.
+"""Detects that tracker and picture drift apart in the plane, in .5 s or 5 s, as where a body gives way to a hand.
 
-Tissue that moves looks the same, so that it names nothing: what was shown before counts no more, and new motion
-decides. What is usual is learned, breathing and a late tracker with it. Out of the plane it sees nothing.
+Moving tissue looks the same, so the detector names nothing: what was shown before no longer counts, and new motion
+decides. It learns what is usual, including breathing and a late tracker. It sees nothing out of the plane.
 """
 
 from collections import deque
@@ -17,33 +17,37 @@ from probewatch.drivers.rigid import Array, inverse, rigid, vector_from_rotation
 from probewatch.drivers.samples import Matrix4
 
 SLIPS_S = (0.5, 5.0)
-"""Durations for which the line looks: a clamp that gives way to a push, and one that creeps. Not varied."""
+"""s over which the line compares: for a clamp that gives way to a push, and for one that creeps. Not varied."""
 _SHARE = 0.75
-"""Share of the limits of offset and rotation, below which nothing is doubted: less opens the contact whenever a breath
-begins after a pause (2.5 mm in half a second, `tools/study/session.py`), more sees slips only beyond their limit."""
+"""Share of the limits of offset and rotation below which nothing is doubted. A lower one opens the contact whenever a
+breath begins after a pause (2.5 mm in half a second, `tools/study/session.py`); a higher one sees slips only beyond
+their limit."""
 _USUAL, _MEMORY, _LEARNED = 5.0, 20.0, 4.0
-"""How many times the usual (RMS) is doubted, for how long disagreement counts as usual, and how long it is learned
-before anything is, both in times for which it adds up. Fewer times open the contact of breathing patients, more see
-nothing in them. At 5 no session of docs/alarms.md was doubted; no rate was derived, as breaths have no known
-distribution."""
+"""Multiple of the usual disagreement (RMS) that is doubted; how long disagreement counts as usual, and how long it is
+learned before anything is doubted, both in multiples of the time over which it adds up. A lower multiple opens the
+contact with breathing patients; a higher one sees nothing in them. At 5 no session of docs/alarms.md was doubted; no
+rate was derived, because breaths have no known distribution."""
 
 _LASTING = 3
-"""Pictures in a row: a torn or shifted one is recognised by the next two, which lie where they were. More takes
-longer."""
+"""Pictures in a row that must disagree: a torn or shifted one is recognised by the next two, which are where they were.
+More take longer."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Apart:
-    """(3,) tracker's way less the picture's since the sums began: lateral mm, axial mm, rad."""
+    """Holds the difference of the paths by tracker and picture since the sums began.
+
+    way: (3,) lateral mm, axial mm, rad.
+    """
 
     t_ns: int
     way: Array
 
 
 class SlowSlip(Detector):
-    """Compares the way of the picture plane, as poses and X say, with what the registration saw.
+    """Compares the path of the picture plane by poses and X with that by registration.
 
-    over_s: for which disagreement adds up. Longer sees slower slips, and more of what the tissue does of its own.
+    over_s: s over which disagreement adds up. A longer time sees slower slips, and more of the tissue's own motion.
     """
 
     def __init__(self, limits: Limits, reference: Calibration, over_s: float) -> None:
@@ -59,7 +63,7 @@ class SlowSlip(Detector):
         self._beyond = 0
 
     def see(self, seen: Observation) -> bool:
-        """See Detector; True where the two have drifted apart by more than is usual."""
+        """See Detector. Returns True where the two have drifted apart by more than is usual."""
         if seen.repeated:
             return False
         if seen.pose is None or seen.moved is None or self._pose is None:
@@ -86,7 +90,7 @@ class SlowSlip(Detector):
         self._restart()
 
     def checks(self) -> tuple[Check, ...]:
-        """Returns no checks, because it names no fault."""
+        """Returns no checks, because the detector names no fault."""
         return ()
 
     def _restart(self) -> None:
@@ -114,7 +118,7 @@ class SlowSlip(Detector):
         return drifted
 
     def _learn(self, taken_s: float, apart: Array) -> None:
-        """Only what is older than the sums counts as usual, so that no slip hides itself."""
+        """Learns the usual disagreement from what is older than the sums, so that no slip hides itself."""
         self._latest.append((taken_s, apart))
         self._latest_s += taken_s
         if self._latest_s < self._over_s:

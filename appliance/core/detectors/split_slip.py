@@ -1,9 +1,9 @@
-"""Sees a marker body that slips in parts, in several gaps of the tracker's readings, each part within what a hand could
-have gone meanwhile.
+"""Detects a marker body that slips in parts, in several gaps of the tracker's readings.
 
-The parts are added up. A hand goes no faster while the tracker is away than between the gaps, and where it leaves the
-plane, the likeness of the pictures to their keyframe falls. So what is doubted is a way beyond a limit for which the
-hand was too slow, and that no picture shows. It names nothing: what was shown before counts no more.
+Each part is within what a hand could have moved meanwhile, so the parts are added up. A hand moves no faster while the
+tracker is away than between the gaps, and where it leaves the plane, the likeness of the pictures to their keyframe
+falls. So the detector doubts a motion beyond a limit for which the hand was too slow and which no picture shows. It
+names nothing: what was shown before no longer counts.
 """
 
 from collections import deque
@@ -21,28 +21,29 @@ from probewatch.drivers.rigid import Array, inverse, vector_from_rotation
 from probewatch.drivers.samples import Matrix4
 
 _WITHIN_NS = 2_000_000_000
-"""From the first gap to the end of the last. Longer sees parts that come more seldom, and adds up more of what a hand
-does meanwhile. Not varied."""
+"""ns from the first gap to the end of the last. A longer time sees parts that are less frequent, and adds up more of
+the hand's own motion. Not varied."""
 _GAP, _LEAST_GAP_NS = 2.5, 45_000_000
-"""Multiple of the shortest time between two readings, and time, beyond which readings are apart by a gap. Less takes a
-single reading that is missing for one; more sees no slip amid shorter gaps. Not varied."""
+"""Multiple of the shortest time between two readings, and least ns, beyond which there is a gap between readings. Lower
+values take a single missing reading for a gap; higher ones see no slip in shorter gaps. Not varied."""
 _CHUNK_NS = 100_000_000
-"""Span of readings between the gaps, by which the velocities of the hand are known. Less takes the noise of a tracker
-for velocities, more misses how fast a hand goes to and fro. Not varied."""
+"""ns of readings between the gaps over which each velocity of the hand is taken. A shorter time takes the noise of a
+tracker for velocities; a longer one misses how fast a hand moves to and fro. Not varied."""
 _LEAST_CHUNKS, _FASTER = 8, 1.5
-"""How many of these must be known, and how many times as fast a hand may go in the gaps. With fewer and less, a fan of
-which half of the readings were missing was doubted over tissue that looks alike everywhere; with more, less is seen
-amid many gaps, or in the first two seconds of a rest (paths without pictures, two seeds)."""
+"""Fewest such velocities that must be known, and how many times as fast a hand may move in the gaps. With lower values,
+a fan of which half of the readings were missing was doubted over tissue that looks alike everywhere; with higher ones,
+less is seen among many gaps, or in the first two seconds of a rest (paths without pictures, two seeds)."""
 _LEAST_GAPS = 2
-"""Gaps from which a slip is looked for; one alone is for `MarkerSlip`."""
+"""Gaps from which a slip is looked for; `MarkerSlip` handles a single one."""
 _PLANE = [0, 1, 5]
-"""Components of a way, of six, that lie in the plane."""
+"""Components, of the six of a motion, that lie in the plane."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Step:
-    """Step from one reading to the next. way: (6,) of the picture plane in its own axes, as X and the poses say, mm,
-    rad.
+    """Holds the step from one reading to the next.
+
+    way: (6,) motion of the picture plane in its own axes, by X and the poses, mm and rad.
     """
 
     since_ns: int
@@ -58,7 +59,7 @@ class _Step:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Seen:
-    """A picture that was followed. moved: as `Observation` has it."""
+    """Holds a picture that was followed. moved: as in `Observation`."""
 
     t_ns: int
     moved: Array
@@ -67,7 +68,7 @@ class _Seen:
 
 
 class SplitSlip(BodySlip):
-    """Adds up what the tracker went in gaps beyond the hand's velocity between them."""
+    """Adds up by how much the tracker moved in the gaps beyond the hand's velocity between them."""
 
     def __init__(self, limits: Limits, reference: Calibration) -> None:
         super().__init__(limits, reference)
@@ -79,7 +80,7 @@ class SplitSlip(BodySlip):
         self._best = 0.0
 
     def see(self, seen: Observation) -> bool:
-        """See Detector; True where the parts add up to more than a limit."""
+        """See Detector. Returns True where the parts add up to more than a limit."""
         if seen.repeated:
             return False
         if seen.moved is None or seen.likeness < ALIKE:
@@ -97,7 +98,7 @@ class SplitSlip(BodySlip):
         return doubted
 
     def checks(self) -> tuple[Check, ...]:
-        """Returns no checks, because it names no fault."""
+        """Returns no checks, because the detector names no fault."""
         return ()
 
     def _restart(self) -> None:
@@ -107,7 +108,7 @@ class SplitSlip(BodySlip):
         self._best = 0.0
 
     def _take(self, t_ns: int, matrix: Matrix4) -> bool:
-        """Whether the way up to this reading is one that is doubted."""
+        """Returns whether the motion up to this reading is doubted."""
         last, self._last = self._last, (t_ns, matrix)
         if last is None:
             return False
@@ -121,13 +122,17 @@ class SplitSlip(BodySlip):
         return self._steps[-1].taken_ns > least_ns and self._slipped(least_ns)
 
     def _slipped(self, least_ns: float) -> bool:
-        """Whether the gaps since one of them add up to more than a limit, unseen; a gap takes longer than least_ns."""
+        """Returns whether the gaps, from one of them on, add up to more than a limit that the pictures do not show.
+
+        least_ns: time, ns, that every gap exceeds.
+        """
         gaps = [step for step in self._steps if step.taken_ns > least_ns]
         velocities = _velocities([step for step in self._steps if step.taken_ns <= least_ns])
         if len(gaps) < _LEAST_GAPS or len(velocities) < _LEAST_CHUNKS:
             return False
         known = np.concatenate([velocities, _FASTER * velocities])
         slowest, fastest = known.min(axis=0), known.max(axis=0)
+        # The gaps are added up backwards from the latest; what the hand's velocities explain does not count.
         way, taken_ns = gaps[-1].way, gaps[-1].taken_ns
         for since in range(len(gaps) - 2, -1, -1):
             way, taken_ns = way + gaps[since].way, taken_ns + gaps[since].taken_ns
@@ -140,9 +145,10 @@ class SplitSlip(BodySlip):
         return False
 
     def _denied(self, first: _Step, last: _Step) -> bool:
-        """Whether the pictures went out of the plane by much less than the tracker did from one step to the other.
+        """Returns whether the pictures left the plane by much less than the tracker did from one step to the other.
 
-        Two pictures are no further apart than both are from their keyframe; where there are several, the ways add up.
+        Two pictures are no further apart than the sum of their distances from their keyframe; where there are several
+        keyframes, the distances add up.
         """
         since_ns, until_ns = first.since_ns - SHIFT_NS, last.t_ns + SHIFT_NS
         if not self._pictures or self._pictures[0].t_ns > since_ns:
@@ -155,11 +161,14 @@ class SplitSlip(BodySlip):
         return 2 * sum(away_mm.values()) < DENIED * float(np.linalg.norm(way[2:5] * self._reach_mm))
 
     def _away_mm(self, one: _Seen) -> float:
-        """How far out of its keyframe's plane by their likeness exp(−d²/2), in that of the pictures most alike."""
+        """Returns the distance out of its keyframe's plane, mm, by their likeness exp(−d²/2) relative to the best."""
         return sqrt(2 * log(self._best / one.likeness))
 
     def _unseen(self, way: Array, gaps: list[_Step]) -> Array:
-        """(3,) of a way in the plane what the pictures did not go in these gaps, at the lag at which it is least."""
+        """Returns the part, (3,), of a motion in the plane that the pictures do not show in these gaps.
+
+        It is taken at the lag at which it is least.
+        """
         t_ns = np.array([one.t_ns for one in self._pictures])
         path = np.cumsum([one.moved for one in self._pictures], axis=0)
         ends_ns = np.array([(gap.since_ns, gap.t_ns) for gap in gaps])
@@ -176,7 +185,7 @@ class SplitSlip(BodySlip):
 
 
 def _velocities(steps: list[_Step]) -> Array:
-    """(n, 6) mm and rad per ns of the picture plane, each over a tenth of a second or more of these steps."""
+    """Returns the velocities of the picture plane, (n, 6) mm and rad per ns, each over .1 s or more of these steps."""
     found, way, taken_ns = [], np.zeros(6), 0
     for step in steps:
         way, taken_ns = way + step.way, taken_ns + step.taken_ns

@@ -1,9 +1,9 @@
-"""Sees that one of two marker bodies on the same probe was bent or slid: their relative pose has changed.
+"""Detects that one of two marker bodies on the same probe was bent or slid: their relative pose has changed.
 
-The tracker alone shows it, without motion of the hand and without tissue. It does not show which of the two moved:
-where motion then shows rotation and offset to be within their limits, it was the second, or too little to matter, and
-their relative pose is learned again; where it does not, that motion names what is wrong of the first. While the second
-body is not seen nothing is concluded.
+The tracker alone shows this, without motion of the hand and without tissue. It does not show which of the two moved.
+Where motion then shows rotation and offset to be within their limits, it was the second body, or too little to matter,
+and the relative pose is learned again; otherwise that motion names what is wrong with the first. While the second body
+is not seen, nothing is concluded.
 """
 
 from collections import deque
@@ -29,43 +29,51 @@ from probewatch.drivers.samples import Matrix4, Pose
 REPORTS_FAULTS = (Fault.MARKER_BODY_MOVED,)
 
 LEARN_NS, LEARN_READINGS = 2_000_000_000, 20
-"""For which, and from how many readings at least, their relative pose is learned. More leaves a bend in that time
-unseen, less adds the noise of the learning to all that follows."""
+"""ns for which, and fewest readings from which, the relative pose is learned. Higher values leave a bend in that time
+unseen; lower ones add the noise of the learning to everything that follows."""
 WINDOW_NS, WINDOW_READINGS = 400_000_000, 8
-"""Whose median is held against that, and readings that it has at least. A step is named when half of it is in the
-window, so longer names it later; less is noisier (`python -m probewatch.tools.development.witness_law` has the
-figures)."""
+"""ns of the window whose median is compared with that pose, and its fewest readings. A step is named when half of the
+window follows it, so a longer window names it later; a shorter one is noisier
+(`python -m probewatch.tools.development.witness_law` has the figures)."""
 _LONGEST_NS = 2_000_000_000
-"""For which a window waits for its readings. More mixes what is seen now with what was seen before it was hidden."""
+"""ns for which a window waits for its readings. A longer time mixes what is seen now with what was seen before the body
+was hidden."""
 LOOK_NS = 50_000_000
-"""Between two looks at the window. Less costs the processor, more names a step later by as much."""
+"""ns between two looks at the window. A shorter time costs processor time; a longer one names a step later by as much.
+"""
 NAMED_SHARE = 0.5
-"""Share of the limit, beyond which it is named: half-way, where a step as large as the limit is as far from naught as
-from itself. Less alarms for noise, more misses such a step by noise."""
+"""Share of the limit beyond which a change is named: half-way, as far from zero as from a step as large as the limit. A
+lower one alarms for noise; a higher one misses such a step because of noise."""
 FIRST_SHARE = 1.0
-"""The same until the noise is known by a minute: before it is not known how the tracker errs from place to place, and
-half-way alarmed in each of four hours of .2 mm of that. Less alarms for it, more misses what moves in that minute."""
+"""The same share until a minute has shown the noise: until then it is not known how the error of the tracker varies
+from place to place, and half-way alarmed in each of four hours of .2 mm of such error. A lower one alarms for it; a
+higher one misses what moves in that minute."""
 NAMED_SIGMA = 6.0
-"""The same in standard deviations of a window. Three rows of noise pass 6 once in 10^7 (Maxwell, by calculation), and
-1,000 h have 10^7 windows; the scale is that of the noisiest row. More misses steps, less alarms for noise."""
+"""The same threshold in standard deviations of a window. Three rows of noise pass 6 once in 10^7 (Maxwell, by
+calculation), and 1,000 h have 10^7 windows; the scale is that of the noisiest row. A higher one misses steps; a lower
+one alarms for noise."""
 KEPT_SHARE = 0.7
-"""Share of where it is named, below which it is undone. More flickers at the limit; less holds on to what was bent
-back."""
+"""Share of the threshold below which a named change is withdrawn. A higher one flickers at the limit; a lower one keeps
+a change named that was bent back."""
 SETTLED_BLOCKS, BLOCKS, FRESH_BLOCKS = 150, 1500, 50
-"""Windows: a minute, from which the relative pose is known for good; ten minutes, from which the noise is known; and
-how many are new each time that it is computed. Fewer do not know how the tracker errs from place to place (.1 mm of it
-alarmed in one hour of four with a relative pose of two seconds), more know it later."""
+"""Windows: a minute, from which the relative pose is settled; ten minutes, from which the noise is known; and how many
+are new each time that it is computed. Fewer do not show how the error of the tracker varies from place to place (.1 mm
+of it alarmed in one hour of four with a relative pose of two seconds); more show it later."""
 _SAME_MM, _SAME_DEG = 0.01, 0.01
-"""Nearer than this the two are one tool under two names. No two bodies are in one place; less is rounding."""
+"""Distances below which the two are one tool under two names: no two bodies are in the same place. Lower ones are
+within rounding."""
 _SPREAD, _MEDIAN = 1.4826, 1.2533
-"""Standard deviation of a normal variable in its median deviation, and of its median in that of its mean."""
+"""Ratio of a normal variable's standard deviation to its median absolute deviation, and ratio of the standard deviation
+of its median to that of its mean."""
 _MOST_ALIKE = 0.95
-"""Correlation of a reading with the one before from which a smoother one counts as this: two seconds show no more."""
+"""Largest correlation of a reading with the one before that is assumed, because two seconds show no larger one."""
 
 
 class Witness(Detector):
-    """relative_pose: (4, 4) second body → first, mm, of the minute in which it was learned under this calibration; None
-    until it is.
+    """Compares the relative pose of two marker bodies with the one that was learned.
+
+    relative_pose: (4, 4) second body → first, mm, of the minute in which it was learned under this calibration; None
+    before.
     """
 
     def __init__(self, limits: Limits, relative_pose: Matrix4 | None = None) -> None:
@@ -81,7 +89,7 @@ class Witness(Detector):
 
     @property
     def thresholds(self) -> Array:
-        """(2,) mm and deg beyond which it is named."""
+        """Returns the thresholds, (2,) mm and deg, beyond which a change is named."""
         return thresholds(self._limits, self._scale, len(self._blocks))
 
     def pose(self, pose: Pose) -> None:
@@ -102,26 +110,30 @@ class Witness(Detector):
                 self._look(t_ns)
 
     def see(self, seen: Observation) -> bool:
-        """See Detector; True once, when it was named: what motion showed before says nothing of the first body now."""
+        """See Detector. Returns True once when a change is named.
+
+        What motion showed before says nothing about the first body now.
+        """
         changed, self._changed = self._changed, False
         return changed
 
     def forget_poses(self, since_ns: int) -> None:
-        """See Detector; the window begins anew, and so does what was being learned."""
+        """See Detector. The window begins again, and so does learning where it is under way."""
         self._window.clear()
         self._looked_ns = self._block_ns = 0
         if self._learning:
             self._learning = []
 
     def on_verified(self, shows: Callable[[Fault], bool], until_ns: int) -> None:
-        """See Detector: the first body is where the calibration has it, so the relative pose is learned anew."""
+        """See Detector. The first body is where the calibration has it, so the relative pose is learned again."""
         if self._named_ns is not None and until_ns > self._named_ns and shows(Fault.ROTATION) and shows(Fault.OFFSET):
             self._named_ns = self.relative_pose = self._relative_pose = None
             self._begin()
 
     def checks(self) -> tuple[Check, ...]:
-        """Slide and turn of the two against each other, mm and deg; none before a second body is seen. The limit is
-        where it is named.
+        """Returns the slide, mm, and the turn, deg, of the two bodies against each other.
+
+        The limit is the threshold beyond which a change is named. Returns none before a second body is seen.
         """
         if self._seen_ns is None:
             return ()
@@ -140,7 +152,7 @@ class Witness(Detector):
         return Check(name, Fault.MARKER_BODY_MOVED, float(extent), float(sigma), unit, float(limit), verdict)
 
     def _begin(self) -> None:
-        """Learn the noise, and the relative pose where that is not known."""
+        """Begins to learn the noise, and the relative pose where it is not known."""
         self._learning = []
         self._window: deque[tuple[int, Array]] = deque()
         self._blocks: deque[Array] = deque(maxlen=BLOCKS)
@@ -193,7 +205,7 @@ class Witness(Detector):
             self._scale = np.maximum(self._learned_scale, scale_of(np.array(self._blocks)))
 
     def _settle(self) -> None:
-        """The relative pose over a minute is kept; what was held against that of two seconds is held against it."""
+        """Keeps the relative pose over a minute, and refers to it what was compared with that of two seconds."""
         assert self._relative_pose is not None
         middle = np.median(np.array(self._blocks), axis=0)
         turn = rotation_from_vector(np.deg2rad(middle[3:]))
@@ -205,30 +217,39 @@ class Witness(Detector):
 
 
 def apart(relative_pose: Matrix4, now: Matrix4) -> Array:
-    """(6,) from one relative pose to another: shift, mm, and turn, deg, both in the axes of the first body."""
+    """Returns the change, (6,), of the relative pose: shift, mm, and turn, deg, both in the axes of the first body."""
     turn = vector_from_rotation(now[:3, :3] @ relative_pose[:3, :3].T)
     return np.concatenate([now[:3, 3] - relative_pose[:3, 3], np.rad2deg(turn)])
 
 
 def extents(rows: Array) -> Array:
-    """(…, 6) → (…, 2): shift, mm, and turn, deg."""
+    """Returns the lengths, (…, 2), of shift, mm, and turn, deg, of changes, (…, 6)."""
     return np.asarray(np.sqrt(np.square(rows.reshape(*rows.shape[:-1], 2, 3)).sum(axis=-1)))
 
 
 def thresholds(limits: Array, scale: Array, blocks: int) -> Array:
-    """(2,) mm and deg beyond which it is named. scale: as of `scale_of`; blocks: windows from which it is known."""
+    """Returns the thresholds, (2,) mm and deg, beyond which a change is named.
+
+    scale: as from `scale_of`. blocks: number of windows from which it is known.
+    """
     share = NAMED_SHARE if blocks >= SETTLED_BLOCKS else FIRST_SHARE
     return np.maximum(share * limits, NAMED_SIGMA * scale)
 
 
 def scale_of(blocks: Array) -> Array:
-    """(n, 6) medians of windows apart → (2,) standard deviation of one, mm and deg, in the row where it is largest."""
+    """Returns the standard deviation of the median of a window, (2,) mm and deg, in the row where it is largest.
+
+    blocks: (n, 6) medians of windows that do not overlap.
+    """
     spread = _SPREAD * np.median(np.abs(blocks - np.median(blocks, axis=0)), axis=0)
     return np.asarray(spread.reshape(2, 3).max(axis=1))
 
 
 def first_scale(readings: Array, of_window: int) -> Array:
-    """(n, 6) readings in a row → (2,) the same, of windows of so many, by how alike one is to the next."""
+    """Returns the same for windows of `of_window` readings, by the correlation of each reading with the next.
+
+    readings: (n, 6) in a row.
+    """
     left = readings - np.median(readings, axis=0)
     power = np.maximum(np.square(left).sum(axis=0), 1e-12)
     alike = np.clip((left[1:] * left[:-1]).sum(axis=0) / power, 0.0, _MOST_ALIKE)
@@ -237,16 +258,16 @@ def first_scale(readings: Array, of_window: int) -> Array:
 
 
 def readings_of_window(period_ns: float) -> int:
-    """How many a window has of a tracker with this period."""
+    """Returns how many readings a window has from a tracker with this period."""
     return max(WINDOW_READINGS, round(WINDOW_NS / period_ns))
 
 
 def same_place(relative_pose: Matrix4) -> bool:
-    """Whether the two are one body under two names."""
+    """Returns whether the two are one body under two names."""
     turn = np.rad2deg(angle_from_rotation(relative_pose[:3, :3]))
     return bool(np.abs(relative_pose[:3, 3]).max() < _SAME_MM and turn < _SAME_DEG)
 
 
 def _middle(relative_poses: Array) -> Matrix4:
-    """(n, 4, 4) → (4, 4) median of the places, mean of the turns."""
+    """Returns the median of the places and the mean of the turns, (4, 4), of relative poses, (n, 4, 4)."""
     return rigid(nearest_rotation(relative_poses[:, :3, :3].mean(axis=0)), np.median(relative_poses[:, :3, 3], axis=0))

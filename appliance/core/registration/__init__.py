@@ -1,1 +1,1 @@
-"""A: how the picture moves through the tissue. Registration, what it needs, and its compiled part."""
+"""Determines A, how the picture moves through the tissue: registration, what it needs, and its compiled part."""

@@ -1,4 +1,4 @@
-"""The compiled part of the core: `levels.c`, `points.c` and `descent.c`."""
+"""Loads the compiled part of the core: `levels.c`, `points.c` and `descent.c`."""
 
 import ctypes
 from typing import Any
@@ -7,11 +7,11 @@ import cv2
 import numpy as np
 
 _CPU_AVX2 = 11
-"""OpenCV's number for it, cv::CpuFeatures."""
+"""OpenCV's number of this feature of a processor, cv::CpuFeatures."""
 
 
 def unusable(why: object) -> ImportError:
-    """What to raise where the library is not there, or not the one of this source."""
+    """Returns the error to raise where the library is missing, or was not compiled from this source."""
     return ImportError(
         f"the compiled core {_NAME} cannot be used: {why}. `make -B .venv/dev` compiles it again for this machine; "
         "where probewatch came as a package, install the one of this machine's architecture again"
@@ -19,7 +19,7 @@ def unusable(why: object) -> ImportError:
 
 
 def declared(name: str, *arguments: Any, result: Any = None) -> Any:
-    """A compiled function by its name."""
+    """Returns a compiled function by its name. Raises ImportError where the library does not have it."""
     try:
         function = getattr(_library, name)
     except AttributeError as missing:

@@ -1,12 +1,12 @@
-"""Real-time Tracker: direct registration of a picture against a keyframe.
+"""Registers a picture directly against a keyframe: the paper's Real-time Tracker.
 
-Inverse-compositional Gauss–Newton (Hager and Belhumeur 1998, the paper's ref. 12) over translation u, in-plane rotation
-α, six terms by which tissue gives way beside that, gain and bias. The rotation acts in millimetres, W(x) = Λ⁻¹ R(α) Λ x
-+ u, because pixels are not square. Everything that depends on the keyframe alone is computed once per keyframe.
-Coordinates are px relative to the image centre.
+The method is inverse-compositional Gauss–Newton (Hager and Belhumeur 1998, the paper's ref. 12) over translation u,
+in-plane rotation α, six terms by which tissue gives way beside that, gain and bias. The rotation acts in millimetres,
+W(x) = Λ⁻¹ R(α) Λ x + u, because pixels are not square. Everything that depends on the keyframe alone is computed once
+per keyframe. Coordinates are px relative to the image centre.
 
-A few points of three sizes of the picture find the way, many of the finest measure. Where the gradient of the keyframe
-is not all there any more, the speckle has changed: then the last steps look at the speckle alone.
+A few points at three sizes of the picture steer the descent, and many of the finest size measure. Where part of the
+keyframe's gradient is no longer there, the speckle has changed: then the last steps use the speckle alone.
 """
 
 from collections.abc import Sequence
@@ -25,57 +25,58 @@ from probewatch.appliance.types import DRAGS, PRESSES
 from probewatch.drivers.rigid import Array
 
 _STEERING = {3: (1_500, 0.5), 1: (2_000, 0.2), 0: (3_000, 0.1)}
-"""For each level that is used how many points steer, and the step in px after which the next level goes on."""
+"""For each level that is used, the points that steer, and the step, px, after which the next level goes on."""
 _STEPS = 15
-"""Most steps on a level; a step shorter than `_STEERING` says ends it sooner. More costs time, only where it goes
-astray. Not measured.
+"""Most steps on a level; a step shorter than in `_STEERING` ends it sooner. More cost time, but only where the descent
+goes astray. Not measured.
 """
 _FINE, _DENSE = 24_000, 70_000
 _FINE_ACCURATE, _DENSE_ACCURATE = 80_000, 160_000
-"""Points that measure: of the finest level, and of its speckle where that has changed. Time grows with them, the error
-falls until noise sets it: `make bench` shows both, of either mode.
-"""
+"""Points that measure: those of the finest level, and those of its speckle where that has changed. Time grows with
+their number; the error falls until noise determines it: `make bench` shows both, for either mode. """
 _UNCHANGED = 0.92
-"""Share of the keyframe's gradient that is left, above which the speckle has not changed. More spends the many points
-on pictures that need none; less leaves the error of changed speckle. Not measured by itself.
+"""Remaining share of the keyframe's gradient above which the speckle has not changed. A higher one spends the many
+points on pictures that need none; a lower one leaves the error of changed speckle. Not measured by itself.
 """
 _POLISHED_PX, _POLISHING_STEPS = 0.03, 5
-"""A step below which the last descent ends, and most steps of it. The first is below the .05 px that tests ask of a
+"""px, step below which the last descent ends, and its most steps. The first is below the .05 px that tests ask of a
 registration (tests/appliance/core/registration/test_registration.py); each step costs a pass over all points.
 """
 _NEAR_PX, _NEARER_STEPS = 0.1, 2
-"""A step with all points after which no other is taken, and most others: in rigid tissue there is hardly ever one. Less
-takes more of them; more ends soft tissue short of the place, as the drag of the skin is close to a turn and a shift."""
+"""px, step with all points below which no other is taken, and most others: in rigid tissue there is hardly ever one. A
+smaller value takes more of them; a larger one stops short of the place in soft tissue, because the drag of the skin is
+similar to a turn and a shift."""
 _GIVE = np.array([0.02, 0.08, 0.05, 0.05, 0.02, 0.02])
-"""What the terms may be on the way, as shares of half the width (x along x or y) or height. More follows quicker
-presses, and noise where few points are in view; less comes late at the skin, where 1 mm may be 10 px a picture."""
+"""Standard deviations of the terms during the descent, as shares of half the width (x along x or y) or height. Larger
+ones follow quicker presses, and noise where few points are in view; smaller ones lag at the skin, where 1 mm may be 10
+px a picture."""
 _DRAG_MM, _DRAG_SHARE = 12.0, 0.25
 """Depth over which the drag of the skin falls to 1/e, 10 to 15 mm in tissue; and the share of the picture's height that
-stands for it where millimetres are unknown: 12 mm of a picture of 48 mm."""
+replaces it where millimetres are unknown: 12 mm of a picture of 48 mm."""
 _LOOSE_LEVELS = 2
-"""On the way, the finest so many, on which tissue may give way. The coarsest alone goes astray in rigid tissue that has
-turned, but finds quick presses, so it is loose where it is asked to be."""
+"""Number of finest levels on which tissue may give way during the descent. The coarsest alone goes astray in rigid
+tissue that has turned, but finds quick presses, so tissue may give way on it where `register` is asked for that."""
 _LEAST_MIDDLE = 6
-"""Side, px, of what is looked for in the coarsest level: a smaller one is alike everywhere."""
+"""px, least side of what is looked for in the coarsest level: a smaller one is alike everywhere."""
 _ASIDE_PX, _ASIDE_SHARE = 12.0, 0.02
-"""How far beside the likeness is compared, the more of px and share of the width. Speckle is alike over a hundredth of
-the picture (`texture`), so nearer a good place has no peak; further, a descent that went astray by less keeps one.
-"""
+"""How far beside the place the likeness is compared: px or share of the width, whichever is more. Speckle is alike over
+a hundredth of the picture (`texture`), so nearer than that even a good place has no peak; further away, a descent that
+went astray by less keeps one. """
 _UNKNOWN = np.diag([1e6, 1e6, 10.0])
-"""px², px², rad²: 1000 px and 3 rad are any place and any turn."""
+"""px², px², rad², the covariance of an unknown motion: 1000 px and 3 rad are any place and any turn."""
 _GIVEN_IN = np.array([2, 3, 5, 6, 7, 8])
-"""Where in the field tissue that gives way differs from a rigid one."""
+"""Indices in the field at which tissue that gives way differs from rigid tissue."""
 _DRAG = 1
 """Index of the term of the skin's drag."""
 _HELD_PX = 1e-4
-"""Standard deviation of a term that is taken for none."""
+"""px, standard deviation of a term that is taken as zero."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reading:
-    """What a picture shows of the motion of what lies deep, where so much is expected of the tissue.
+    """Holds what a picture shows of the motion of deep tissue, under one assumption of what the tissue may do.
 
-    u_px: (2,), alpha_rad, covariance (3, 3) of (u_x px, u_y px, α rad). drag_px: of the skin against that, lateral.
+    u_px: (2,), alpha_rad, covariance (3, 3) of (u_x px, u_y px, α rad). drag_px: lateral drag of the skin against that.
     """
 
     u_px: Array
@@ -86,16 +87,16 @@ class Reading:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Registration:
-    """A from the picture. u_px: (2,), alpha_rad, covariance (3, 3) of (u_x px, u_y px, α rad).
+    """Holds A as determined from the picture. u_px: (2,), alpha_rad, covariance (3, 3) of (u_x px, u_y px, α rad).
 
-    correlation: of keyframe and warped picture over the points in view, −1 … 1. peak: how far that exceeds the best
+    correlation: that of keyframe and warped picture over the points in view, −1 … 1. peak: how far it exceeds the best
     correlation a little way off in four directions. overlap: share of points in view.
 
-    u and α are those of tissue that does not give way. readings: by what tissue may do, `DRAGS` and `PRESSES`; the
-    first of them is that one again, none where nothing can be said. field: (9,) px, the displacement of all tissue: a₀
-    + a₁ y + a₂ x + a₃ φ(y) along x and b₀ + b₁ x + b₂ y + b₃ y² + b₄ x y along y; x and y are −1 … 1 over the picture,
-    φ is the share of the skin's drag at that depth. tilt_rad: turn by ∂u_y/∂x, which tissue that follows the face shows
-    in part.
+    u and α are those of tissue that does not give way. readings: one for each of what tissue may do, `DRAGS` and
+    `PRESSES`, of which the first repeats u and α; none where nothing can be concluded. field: (9,) px, displacement of
+    all tissue: a₀ + a₁ y + a₂ x + a₃ φ(y) along x and b₀ + b₁ x + b₂ y + b₃ y² + b₄ x y along y; x and y are −1 … 1
+    over the picture, φ is the share of the skin's drag at that depth. tilt_rad: turn by ∂u_y/∂x, which tissue that
+    follows the face shows in part.
     """
 
     u_px: Array
@@ -113,21 +114,21 @@ class Registration:
 
 
 def warp_matrix(alpha_rad: float, aspect: float) -> Array:
-    """(2, 2) Λ⁻¹ R(α) Λ; aspect = λ_axial ÷ λ_lateral."""
+    """Returns Λ⁻¹ R(α) Λ, (2, 2). aspect: λ_axial ÷ λ_lateral."""
     c, s = cos(alpha_rad), sin(alpha_rad)
     return np.array([[c, -s * aspect], [s / aspect, c]])
 
 
 def compose(first: tuple[Array, float], then: tuple[Array, float], aspect: float) -> tuple[Array, float]:
-    """(u, α) of `then` after `first`, in px and rad."""
+    """Returns (u, α) of `then` after `first`, px and rad (equation 10). aspect: as in `warp_matrix`."""
     return warp_matrix(then[1], aspect) @ first[0] + then[0], first[1] + then[1]
 
 
 class Keyframe:
-    """The picture others are registered to, with its gradients and normal equations.
+    """Holds the picture to which others are registered, with its gradients and normal equations.
 
-    mask: (h, w) bool, True where tissue may be seen; None for everywhere. accurate: several times the points, for
-    those who have the time. axial_mm_per_px: of the picture as it came, None where it is unknown.
+    mask: (h, w) bool, True where tissue may be seen; None for everywhere. accurate: whether to use several times the
+    points, for callers that have the time. axial_mm_per_px: that of the picture as it came, None where it is unknown.
     """
 
     def __init__(
@@ -151,18 +152,18 @@ class Keyframe:
 
     @property
     def textured(self) -> bool:
-        """Whether the picture holds enough structure to be registered."""
+        """Returns whether the picture holds enough structure to be registered."""
         return self._fine is not None
 
     @cached_property
     def _dense(self) -> Template | None:
-        """Many points of the speckle, for pictures that have changed; worked out when the first one asks for it."""
+        """Returns many points of the speckle, for pictures that have changed; computed when one is first needed."""
         most = _DENSE_ACCURATE if self._accurate else _DENSE
         return self._points(self._speckle.of(self._levels), self._levels.factor, most)
 
     @cached_property
     def _steering(self) -> tuple[tuple[int, Template], ...]:
-        """Level and its few points, coarse to fine."""
+        """Returns each level that steers with its few points, coarse to fine."""
         found = [(k, self._template(k, _STEERING[k][0])) for k in (3, 1) if k <= self._levels.coarsest]
         found.append((0, None if self._fine is None else self._fine.thinned(_STEERING[0][0])))
         return tuple((k, level) for k, level in found if level is not None)
@@ -180,11 +181,11 @@ class Keyframe:
         may: int = DRAGS | PRESSES,
         loose: bool = False,
     ) -> Registration:
-        """Register a picture of the same size, coarse to fine from `start`, or from `guess`. Needs `textured`.
+        """Registers a picture of the same size, coarse to fine from `start`, or else from `guess`. Needs `textured`.
 
-        start: (u px, α rad), or the field of another registration to this keyframe. may: what tissue may do on the way,
-        as bits; the end is taken from there for all that it may. loose: whether it may do all of it, on the coarsest
-        level as well. Raises ValueError where the size is another.
+        start: (u px, α rad), or the field of another registration to this keyframe. may: what tissue may do during the
+        descent, as bits; from its end, readings are taken for everything that tissue may do. loose: whether it may do
+        everything during the descent, on the coarsest level as well. Raises ValueError where the size is another.
         """
         if levels.shape != self._levels.shape:
             raise ValueError(f"a picture of {levels.shape} px, but a keyframe of {self._levels.shape}: take another")
@@ -192,7 +193,7 @@ class Keyframe:
         return self._concluded(levels, self._descended(levels, fit, may, loose))
 
     def _supposed(self, may: int) -> Array:
-        """(6,) px², the variance of the terms where tissue may do what the bits say, and nothing else."""
+        """Returns the variance of the terms, (6,) px², where tissue may do what the bits say, and nothing else."""
         drag = np.arange(self._free.size) == _DRAG
         return np.where(np.where(drag, may & DRAGS, may & PRESSES), self._free, _HELD_PX**2)
 
@@ -212,7 +213,7 @@ class Keyframe:
         return found
 
     def guess(self, levels: Pyramid) -> Array:
-        """(2,) px: where the middle of the keyframe is seen, found on the coarsest level by trying every place."""
+        """Returns the shift, (2,) px, of the keyframe's middle, found by trying every place on the coarsest level."""
         if min(self._middle.shape) < _LEAST_MIDDLE:
             return np.zeros(2)
         coarsest = levels.levels[-1]
@@ -222,8 +223,9 @@ class Keyframe:
         return np.array([column - columns.start, row - rows.start]) * levels.factor * 2.0**levels.coarsest
 
     def _descended(self, levels: Pyramid, fit: Fit, may: int, loose: bool) -> "_Descended":
-        """A few points find the way, then one step with all points; where the speckle has changed, which shows less,
-        several with more of them.
+        """Descends with a few points, then takes one step with all points.
+
+        Where the speckle has changed, which shows less, several steps with more points follow.
         """
         assert self._fine is not None
         for left, (k, level) in zip(range(len(self._steering), 0, -1), self._steering, strict=True):
@@ -267,14 +269,15 @@ class Keyframe:
 
 
 class _Descended:
-    """fit: with all points, last: the descent that ended it."""
+    """Holds the end of a descent. fit: that with all points. last: that of the descent that came last."""
 
     def __init__(self, fit: Fit, converged: bool, last: Fit, aspect: float) -> None:
         self.fit, self.converged, self._last, self._aspect = fit, converged, last, aspect
 
     def readings(self, supposed: Sequence[Array]) -> tuple[Reading, ...]:
-        """Readings of the last look, where that is the variance of the terms, (6,) px² each; none where nothing can be
-        said. The fit goes where the last of them puts it.
+        """Returns the readings of the last look, one for each variance of the terms, (6,) px², or none.
+
+        There are none where nothing can be concluded. The fit moves to where the last of them puts it.
         """
         fit, last = self.fit, self._last
         together = last.together()
@@ -291,6 +294,6 @@ class _Descended:
 
 
 def _inner(shape: tuple[int, ...]) -> tuple[slice, slice]:
-    """The middle half of a picture in each direction."""
+    """Returns the slices of the middle half of a picture in each direction."""
     rows, columns = shape[0] // 4, shape[1] // 4
     return np.s_[rows : shape[0] - rows, columns : shape[1] - columns]

@@ -1,4 +1,4 @@
-"""Learns which pixels never move: text, rulers, sector edge and probe arc would lock a registration to zero motion."""
+"""Learns which pixels never move: text, rulers, sector edge and probe arc would hold a registration at zero motion."""
 
 from collections import deque
 
@@ -9,35 +9,36 @@ from probewatch.appliance.core.registration.pyramid import Array32, Bits, Pyrami
 from probewatch.drivers.samples import GreyImage
 
 _LEAST_APART, _MOST_APART = 4, 24
-"""Pictures between the two that are compared: at 30 Hz, .8 s at most. More waits for slower hands and keeps as many
-pictures in memory; fewer learns tissue as overlay.
+"""Fewest and most pictures between the two that are compared: at 30 Hz, .8 s at most. More wait for slower hands and
+keep as many pictures in memory; fewer learn tissue as overlay.
 """
 _EARLY, _GOOD, _EVERY = 3, 9, 6
-"""Comparisons after which there is a first mask, from which on it takes all that is still, and between two of them.
+"""Comparisons after which there is a first mask; from which the mask includes all still pixels; and between two masks.
 Fewer take slow tissue for overlay; more hold registration back for longer.
 """
 _FORGET = 0.95
-"""Weight of what was learnt before, at each comparison: about 20 are remembered. More keeps an overlay that the scanner
-has moved for longer; less makes the mask waver. Not measured.
+"""Weight of what was learnt before, at each comparison: about 20 are remembered. A higher one keeps an overlay for
+longer that the scanner has moved; a lower one makes the mask unsteady. Not measured.
 """
 _STATIC_SHARE = 0.4
-"""Change ÷ usual change below which a pixel is still. More masks tissue that moves little; less leaves text with the
-picture's noise in it. Not measured.
+"""Ratio of change to usual change below which a pixel is static. A higher one masks tissue that moves little; a lower
+one leaves text that has the picture's noise in it. Not measured.
 """
 _FLOOR_GREY = 3.0
-"""Gradient, in greys, from which a pixel counts: flatter ones change by noise alone."""
+"""Gradient, greys, from which a pixel counts: flatter ones change by noise alone."""
 _MOVED, _MOVED_AT_ALL = 0.3, 0.05
-"""Shares of the structure that have changed by half of its gradient; another place altogether would change 0.6."""
+"""Least shares of the structure that must have changed by half of its gradient, the second for the most pictures
+between the two; another place altogether would change .6."""
 _AROUND = np.ones((3, 3), np.uint8)
-"""The gradient is the largest grey difference within ±1 px: what a move by one pixel would change."""
+"""Kernel of the gradient, the largest grey difference within ±1 px: what a shift by one pixel would change."""
 
 
 class OverlayMask:
-    """Static means: a strong gradient, yet much less change than such gradients show elsewhere in the picture.
+    """Learns the mask of what is static: a strong gradient that changes much less than such gradients do elsewhere.
 
-    Works at half resolution. Each picture is compared with one so many frames earlier that most of the tissue has
-    changed, because in a slow sweep it looks the same for long; four such pairs are looked at in that time. A first
-    guess after three, which takes only the stillest pixels, a good one after nine.
+    It works at half resolution. Each picture is compared with one far enough back for most of the tissue to have
+    changed, because in a slow sweep it looks the same for long; four such pairs are compared in that time. There is a
+    first mask after three comparisons, which takes only the stillest pixels, and a good one after nine.
     """
 
     def __init__(self) -> None:
@@ -52,16 +53,16 @@ class OverlayMask:
 
     @property
     def mask(self) -> Bits | None:
-        """(h, w) bool, True where tissue may be seen; None until enough motion was seen."""
+        """Returns the mask, (h, w) bool, True where tissue may be seen; None until enough motion was seen."""
         return self._mask
 
     @property
     def settled(self) -> bool:
-        """Whether static overlay has been told from tissue."""
+        """Returns whether static overlay has been distinguished from tissue."""
         return self._mask is not None
 
     def step(self, levels: Pyramid) -> bool:
-        """Take the next picture; True when the mask changed."""
+        """Takes the next picture; returns whether the mask changed."""
         if not levels.coarsest:
             return False
         self._shape = levels.shape
@@ -93,6 +94,7 @@ class OverlayMask:
         self._change *= np.float32(_FORGET)
         self._expected *= np.float32(_FORGET)
         cv2.accumulate(change, self._change)
+        # The change expected of a pixel is its gradient times the ratio of change to gradient in the whole picture.
         usual = float(change[strong].sum()) / float(gradient[strong].sum())
         cv2.scaleAdd(gradient.astype(np.float32), usual, self._expected, self._expected)
         return True

@@ -1,4 +1,4 @@
-"""What registration does to every point of a keyframe, `points.c` and `descent.c`, for NumPy's arrays."""
+"""Wraps what registration does to every point of a keyframe, `points.c` and `descent.c`, for NumPy's arrays."""
 
 import ctypes
 from collections.abc import Sequence
@@ -15,12 +15,12 @@ _PARTS = 5
 """Rows of `Picture.described`."""
 _PARAMETERS, _CELLS, _SUMS, _LOOKS, *_SIZES = LAYOUT
 _GIVES, _MOVES, _ENERGIES = 6, 9, 3
-"""As in compiled.h: terms, motions with them, and sums of squares of the gradient."""
+"""As in compiled.h: terms by which tissue gives way, motions including them, and sums of squares of the gradient."""
 _MOST_SIDE = np.iinfo(np.int16).max
 
 
 class Picture(ctypes.Structure):
-    """(h, w) level that is looked at. Raises ValueError where h or w is less than 2 or more than 32767."""
+    """Holds the level, (h, w), that is looked at. Raises ValueError where h or w is less than 2 or more than 32767."""
 
     _fields_ = (("_grey", c_void_p), ("_rows", c_int32), ("_columns", c_int32))
 
@@ -34,10 +34,11 @@ class Picture(ctypes.Structure):
     def structured(
         self, mask: Bits | None, pitch: int, edge: int, flat_share: float, least_steep: int
     ) -> NDArray[np.int32]:
-        """(n,) flat indices of every pitch-th pixel, edge px from the sides, mask permitting, that has structure.
+        """Returns the flat indices, (n,), of the pixels with structure among every pitch-th one within the mask.
 
-        That is all but flat_share of the energy of the gradient; the flat rest says nothing. Raises ValueError for a
-        pitch or edge of less than 1: the gradient of a pixel at the sides is outside the level.
+        These hold all but flat_share of the energy of the gradient; the flat rest shows nothing. edge: px from the
+        sides within which there are none. Raises ValueError for a pitch or edge of less than 1: the gradient of a pixel
+        at the sides is outside the level.
         """
         if min(pitch, edge) < 1:
             raise ValueError(f"a pitch of {pitch} and an edge of {edge} px choose no points")
@@ -53,8 +54,10 @@ class Picture(ctypes.Structure):
         return found[:count]
 
     def described(self, chosen: NDArray[np.int32], most: int) -> NDArray[np.int16]:
-        """(5, n) column, row, right − left, below − above, grey of at most so many of the pixels at these flat indices,
-        evenly taken. None of them is at the sides."""
+        """Returns column, row, right − left, below − above and grey, (5, n), of the pixels at these flat indices.
+
+        Of more than `most` pixels it takes that many, evenly. None of them may be at the sides.
+        """
         chosen = np.ascontiguousarray(chosen, np.int32)
         parts = np.empty((_PARTS, min(chosen.size, most)), np.int16)
         _describe(self, chosen.ctypes.data, chosen.size, parts.shape[1], parts.ctypes.data)
@@ -62,12 +65,12 @@ class Picture(ctypes.Structure):
 
 
 class Fit(ctypes.Structure):
-    """State of a descent.
+    """Holds the state of a descent.
 
-    u_x, u_y: px, alpha: rad, gain and bias of the greys. give: (6,) px by which tissue gives way beside that, as
-    `keyframe.Registration` says. stiff: (6,) px⁻², 1 ÷ the variance that is expected of each. response: share of the
-    keyframe's gradient across, down and around that is still there, of what the gain leaves of it. lost: too little was
-    in view.
+    u_x, u_y: px, alpha: rad, gain and bias of the greys. give: (6,) px by which tissue gives way beside that, as in
+    `keyframe.Registration`. stiff: (6,) px⁻², 1 ÷ the expected variance of each. response: share of the keyframe's
+    gradient across, down and around that is still there, of what the gain leaves of it. lost: whether too little was in
+    view.
     """
 
     _fields_ = (
@@ -98,22 +101,25 @@ class Fit(ctypes.Structure):
         super().__init__(u_x, u_y, alpha, tuple(give), gain, bias, tuple(stiff), (1.0, 1.0, 1.0))
 
     def together(self) -> float:
-        """How much less information neighbouring points give than as many that know nothing of one another, in units of
-        what the residual answers; after a descent that was responding. −1 where it was lost, or nothing can be said."""
+        """Returns how much less information neighbouring points give than the same number of independent ones.
+
+        It is in units of what the residual answers, and valid after a descent that was responding. Returns −1 where
+        that was lost, or where nothing can be concluded.
+        """
         return float(_together(self))
 
     def copied(self) -> "Fit":
-        """The same, to go on from by itself."""
+        """Returns a copy, from which another descent can go on."""
         return Fit.from_buffer_copy(self)
 
     def drawn(self, aspect: float, together: float, expected: Array) -> Array | None:
-        """Takes the last step anew, with (6,) px², the variance that is expected of the terms.
+        """Takes the last step again with the variance that is expected of the terms, (6,) px².
 
-        Returns the covariance (3, 3) of u_x, u_y px, α rad: H⁻¹ S H⁻ᵀ, the sandwich of an M-estimate (Huber 1967), H
-        the curvature with what is expected, S from how much cells of the picture disagree. Neighbouring pixels of
-        speckle and what decorrelates with them count once, whatever their number; and a picture in which only a part of
-        the keyframe's contrast is left shows as much less. To it comes what the terms may be by what is expected of
-        them. None where it is no number.
+        Returns the covariance, (3, 3), of u_x, u_y px and α rad: H⁻¹ S H⁻ᵀ, the sandwich of an M-estimate (Huber 1967),
+        where H is the curvature with what is expected, and S comes from how much cells of the picture disagree. So
+        neighbouring pixels of speckle, and what decorrelates with them, count once, whatever their number; and a
+        picture in which only a part of the keyframe's contrast is left shows that much less. What the expected variance
+        allows the terms is added. Returns None where the covariance is not a number. together: as from `together`.
         """
         found = (c_double * 9)()
         drawn = _draw(self, aspect, together, np.ascontiguousarray(expected, float).ctypes.data, found)
@@ -121,7 +127,7 @@ class Fit(ctypes.Structure):
 
 
 class Template(ctypes.Structure):
-    """Points of one pyramid level with what a descent needs of them.
+    """Holds points of one pyramid level with what a descent needs of them.
 
     parts: (5, n) as `Picture.described`, n > 0. factor: px of the full picture per px of the level. centre: column and
     row, px, of the middle of the picture. aspect: λ_axial ÷ λ_lateral. fading: px of depth, > 0, over which the drag of
@@ -148,22 +154,26 @@ class Template(ctypes.Structure):
         _prepare(self)
 
     def thinned(self, most: int) -> "Template":
-        """The same with about `most` of the points."""
+        """Returns the same template with about `most` of the points."""
         parts = self._parts[:, :: max(self.count // most, 1)]
         return Template(parts, self.factor, (self.centre_x, self.centre_y), self.aspect, self.fading)
 
     def descend(
         self, picture: Picture, fit: Fit, most_steps: int, enough_px: float = 0.0, responding: bool = False
     ) -> None:
-        """Take so many steps, or until one is shorter than enough_px, which is called converged, or the fit is lost.
+        """Takes up to most_steps steps, until one is shorter than enough_px (`converged`) or the fit is lost.
 
-        responding: after each step see how much of the gradient is left; the next steps and the conclusion need it.
+        responding: whether to measure after each step how much of the gradient is left, which the next steps and the
+        conclusion need.
         """
         _descend(self, picture, fit, most_steps, enough_px, responding)
 
     def correlate(self, picture: Picture, fit: Fit, reach_px: float) -> tuple[list[float], float]:
-        """Correlation of about a thousand points with the picture where the fit puts them, and so far to the right,
-        left, below and above; 0 where there is nothing to correlate. And the share of them in view."""
+        """Returns correlations of about a thousand points with the picture, and the share of these points in view.
+
+        The correlations are those where the fit puts the points, and reach_px to the right, left, below and above; 0
+        where there is nothing to correlate.
+        """
         found = (c_double * _LOOKS)()
         share = _correlate(self, picture, fit, reach_px, found)
         return found[:], share

@@ -1,4 +1,4 @@
-"""A picture at several sizes, coarse to find the way and fine to measure it."""
+"""Reduces a picture to several sizes, the coarse ones to find a motion and the fine ones to measure it."""
 
 from ctypes import c_int32, c_void_p
 from dataclasses import dataclass
@@ -19,22 +19,26 @@ Level = NDArray[np.int16]
 """Greys in ninths."""
 
 _HALVINGS = 3
-"""Four levels: steps of 40 px are found (tests/appliance/core/registration/test_registration.py). More find further
-leaps, on levels with little left to see, fewer lose a quick hand. Not varied by itself."""
+"""Times that a picture is halved, for four levels: steps of 40 px are found
+(tests/appliance/core/registration/test_registration.py). More find longer leaps, on levels with little left to see;
+fewer lose a quick hand. Not varied by itself."""
 _LEAST_SIDE, _MOST_SIDE = 32, 800
-"""Shorter side, px, below which a level is not halved again, as too few points would be left; and above which a picture
-is halved first: its speckle is several px wide, and a quarter of the work measures as well
+"""Shorter side, px, below which a level is not halved again, because too few points would be left; and above which a
+picture is halved first: its speckle is several px wide, and a quarter of the work measures as well
 (tests/appliance/core/registration/test_registration.py, 1440 × 1080).
 """
 _WHOLE = 252
-"""Mean of a mask's pixels, of 255, from which all of them count as set; one of a hundred may be missing."""
+"""Mean of a mask's pixels, out of 255, above which all of them count as set; one in a hundred may be missing."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pyramid:
-    """shape: rows, columns of the picture as it came. factor: px of it per px of the finest level, more than one where
-    it is larger than any speckle asks for. picture: (h, w) uint8 of the size of the finest level. levels: the finest
-    first, each half the size of the one before; pixel i of a level is the mean of 2i and 2i + 1 of the finer one."""
+    """Holds a picture at several sizes.
+
+    shape: rows, columns of the picture as it came. factor: px of it per px of the finest level, more than one where it
+    is larger than any speckle requires. picture: (h, w) uint8 of the size of the finest level. levels: the finest
+    first, each half the size of the one before; pixel i of a level is the mean of 2i and 2i + 1 of the finer one.
+    """
 
     shape: tuple[int, int]
     factor: float
@@ -43,21 +47,20 @@ class Pyramid:
 
     @property
     def finest(self) -> Level:
-        """(h, w)."""
+        """Returns the finest level, (h, w)."""
         return self.levels[0]
 
     @property
     def coarsest(self) -> int:
-        """Index of the last level."""
+        """Returns the index of the last level."""
         return len(self.levels) - 1
 
 
 def pyramid(picture: GreyImage) -> Pyramid:
-    """(h, w) uint8 → levels.
+    """Returns the levels of a picture, (h, w) uint8. Raises ValueError where it is not such a picture.
 
-    The finest is the sum of the 3 × 3 pixels around each: between the pixels of a sharp picture linear interpolation
-    shifts what it shows, and rounded to greys again it would shift as well.
-    Raises ValueError where it is no such picture.
+    The finest level is the sum of the 3 × 3 pixels around each: between the pixels of a sharp picture, linear
+    interpolation shifts what it shows, and rounding to greys again would shift it as well.
     """
     if refusal := refused_picture(picture):
         raise ValueError(refusal)
@@ -79,14 +82,14 @@ def pyramid(picture: GreyImage) -> Pyramid:
 
 
 def half(image: GreyImage) -> GreyImage:
-    """(h ÷ 2, w ÷ 2) means of 2 × 2."""
+    """Returns the means of 2 × 2 pixels, (h ÷ 2, w ÷ 2)."""
     height, width = image.shape[0] // 2, image.shape[1] // 2
     even = image[: 2 * height, : 2 * width]
     return np.asarray(cv2.resize(even, (width, height), interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
 
 def mask_at(mask: Bits, shape: tuple[int, ...]) -> Bits:
-    """(h, w) of another size; a coarse pixel counts only when all of its finer ones do."""
+    """Returns the mask, (h, w), at another size; a coarse pixel is set only where all of its finer ones are."""
     if mask.shape == shape:
         return mask
     share = cv2.resize(mask.view(np.uint8) * np.uint8(255), (shape[1], shape[0]), interpolation=cv2.INTER_AREA)
@@ -94,7 +97,7 @@ def mask_at(mask: Bits, shape: tuple[int, ...]) -> Bits:
 
 
 def centre_px(width: int, height: int) -> Array:
-    """(2,) column and row of the image centre."""
+    """Returns the column and row, (2,), of the image centre."""
     return np.array([(width - 1) / 2, (height - 1) / 2])
 
 

@@ -13,45 +13,45 @@ from probewatch.drivers.rigid import Array
 from probewatch.drivers.samples import GreyImage
 
 _LEAST_EVIDENCE, _LEAST_PEAK = 0.62, 0.08
-"""Likeness plus twice its peak, and the peak. More refuses good registrations, which breaks the chain; less accepts
-those that went astray, which spoils the path. How many of either: `make bench`, the self-check.
+"""Least sum of the likeness and twice its peak, and least peak. Higher values refuse good registrations, which breaks
+the chain; lower ones accept those that went astray, which spoils the path. `make bench`, the self-check, shows how many
+of either there are.
 """
 _LEAST_OVERLAP = 0.5
-"""Share of the keyframe in view. Less lets a border strip speak for the picture; a chain that goes on takes another
-keyframe long before (`wants_keyframe`). Not measured.
+"""Least share of the keyframe in view. A lower one lets a strip at the border decide for the picture; a chain that
+continues takes another keyframe long before (`wants_keyframe`). Not measured.
 """
 _LEAST_GAIN = 0.3
-"""Contrast of the image ÷ that of the keyframe. Less follows the picture before, which shines through where a scanner
-averages over time; more refuses tissue that a shadow or less contact dims. Not measured.
-"""
+"""Least contrast of the image ÷ that of the keyframe. A lower one follows the picture before, which shines through
+where a scanner averages over time; a higher one refuses tissue that a shadow or less contact dims. Not measured. """
 _GOOD_CORRELATION = 0.93
-"""Likeness from which nothing is looked for elsewhere. More costs up to three registrations for a picture that was well
-followed; less keeps a start that was nearly right. Not measured.
+"""Likeness from which no other place is searched. A higher one costs up to three registrations for a picture that was
+followed well; a lower one keeps a start that was only nearly right. Not measured.
 """
 _TURNS_RAD = (0.06, -0.06)
-"""Turns that are tried where none convinces, 3.4° either way, for a hand that turned between two pictures. Each costs a
-registration. Not measured.
+"""Turns that are tried where no registration convinces, 3.4° either way, for a hand that turned between two pictures.
+Each costs a registration. Not measured.
 """
 
 _GAINED = 0.02
-"""Likeness by which such a registration must exceed an acceptable one. More keeps one that is too stiff or went astray;
-less takes a looser one, which errs more, for a better one. Not varied by itself."""
+"""Likeness by which such a registration must exceed an acceptable one. A higher one keeps a registration that is too
+stiff or went astray; a lower one takes a looser one, which errs more, for a better one. Not varied by itself."""
 
 Warp = tuple[Array, float]
 _REST: Warp = (np.zeros(2), 0.0)
-"""No way and no turn."""
+"""No displacement and no turn."""
 START = TissuePath(np.zeros((4, 2)), np.zeros(4), np.zeros(4), 0.0)
-"""Path at the first picture of a chain."""
+"""The path at the first picture of a chain."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tracked:
-    """One picture along the chain.
+    """Holds one picture along the chain.
 
     registration: against the keyframe, None where the picture starts a chain. path: (u px, α rad) against the first
     picture of the chain. step: (u px, α rad) against the picture before, None at the start of a chain.
-    chain: number of the chain; it grows by one wherever the picture was lost. reason: why it was lost. tissue: the path
-    by what tissue may do.
+    chain: number of the chain, which grows by one wherever the picture was lost. reason: why it was lost. tissue: the
+    paths by what tissue may do. keyframe: sequence number of the keyframe.
     """
 
     chain: int
@@ -64,11 +64,12 @@ class Tracked:
 
 
 class RealTimeTracker:
-    """Registers each picture to the keyframe; aspect = λ_axial ÷ λ_lateral, axial_mm_per_px None where unknown.
+    """Registers each picture to the keyframe.
 
-    may: what the tissue may do, as bits, by the motion so far. What it is known not to do makes registration sharper:
-    with all terms free, a sweep of rigid tissue had a seventh too little lateral way in steps of .3 s; with none, the
-    turn over soft tissue came to twice too much.
+    aspect: λ_axial ÷ λ_lateral. axial_mm_per_px: None where it is unknown. may: what the tissue may do, as bits, by the
+    motion so far. What it is known not to do makes registration more precise: with all terms free, the lateral motion
+    of a sweep of rigid tissue, in steps of .3 s, was a seventh too small; with none, the turn over soft tissue was
+    twice too large.
     """
 
     def __init__(self, aspect: float, axial_mm_per_px: float | None = None) -> None:
@@ -88,16 +89,16 @@ class RealTimeTracker:
 
     @property
     def settled(self) -> bool:
-        """Whether static overlay cannot hold the registration back any more."""
+        """Returns whether static overlay can no longer hold the registration back."""
         return self._overlay.settled
 
     @property
     def mask(self) -> Bits | None:
-        """(h, w) bool, True where tissue may be seen; None until enough motion was seen."""
+        """Returns the mask, (h, w) bool, True where tissue may be seen; None until enough motion was seen."""
         return self._overlay.mask
 
     def step(self, image: GreyImage, sequence: int) -> Tracked:
-        """Follow the next picture, (h, w) uint8. Raises ValueError where its size is not that of the first."""
+        """Follows the next picture, (h, w) uint8. Raises ValueError where its size is not that of the first."""
         levels = pyramid(image)
         self._shape = self._shape or levels.shape
         if levels.shape != self._shape:
@@ -109,18 +110,18 @@ class RealTimeTracker:
         return tracked
 
     def renew_keyframe(self) -> None:
-        """The Motion Analyzer wants the latest picture as keyframe from now on."""
+        """Makes the latest picture the keyframe, as the Motion Analyzer asks."""
         if self._before is not None:
             self._take_keyframe(*self._before)
 
     def take_anchor(self) -> None:
-        """The latest picture is kept as anchor: a second keyframe, which no motion renews."""
+        """Keeps the latest picture as the anchor: a second keyframe, which no motion renews."""
         if self._before is not None:
             levels, _, path = self._before
             self._anchor = (self._keyframe_of(levels), self._chain, path)
 
     def against_anchor(self) -> Registration | None:
-        """The latest picture against the anchor; None where there is none, or the two are not alike."""
+        """Registers the latest picture against the anchor; returns None without one, or where the two are not alike."""
         if self._anchor is None or self._before is None:
             return None
         anchor, chain, path = self._anchor
@@ -131,7 +132,7 @@ class RealTimeTracker:
         return found if acceptable(found) else None
 
     def restart(self) -> None:
-        """Forget keyframe and anchor: what comes next cannot be compared with what came before."""
+        """Forgets keyframe and anchor, because later pictures cannot be compared with earlier ones."""
         self._keyframe = self._anchor = None
         self._before = None
         self._shadows = Shadows()
@@ -170,8 +171,10 @@ class RealTimeTracker:
         return path[0] - turned, path[1] - before[1]
 
     def _search(self, keyframe: Keyframe, levels: Pyramid) -> Registration:
-        """Warm start first; where that does not convince, wherever the keyframe's middle is seen, turned as well.
-        Tissue that may give way may have done so by much."""
+        """Registers from a warm start first, and where that does not convince from where the keyframe's middle is seen.
+
+        From there turns are tried as well. Tissue that may give way may have done so by a large amount.
+        """
         best = keyframe.register(levels, self._warm, self.may)
         if likeness(best) >= _GOOD_CORRELATION:
             return best
@@ -206,16 +209,16 @@ class RealTimeTracker:
 
 
 def acceptable(found: Registration) -> bool:
-    """The self-check, which needs no truth: enough of the keyframe in view, and it looks like the keyframe there and
-    not as much a little beside. Where the descent went astray, beside is as good.
+    """Returns whether a registration passes the self-check (equation 14), which needs no truth.
 
-    Likeness alone does not do: speckle that has changed and speckle that was never the same can be as much alike, but
-    only the first is less alike beside.
+    Enough of the keyframe must be in view, and the picture must be like the keyframe there, and less so a little beside
+    it. Where the descent went astray, the places beside it are as good. Likeness alone does not suffice: speckle that
+    has changed and speckle that was never the same can be equally alike, but only the first is less alike beside.
     """
     alike = found.peak >= _LEAST_PEAK and likeness(found) + 2 * found.peak >= _LEAST_EVIDENCE
     return found.converged and alike and found.overlap >= _LEAST_OVERLAP
 
 
 def likeness(found: Registration) -> float:
-    """Correlation, but none for a faint image: scanners average over time, so the picture before shines through."""
+    """Returns the correlation, or 0 for a faint image: where a scanner averages, the picture before shines through."""
     return found.correlation if found.gain >= _LEAST_GAIN else 0.0

@@ -1,7 +1,7 @@
 """Learns where tissue is shown, so that everything beside it, such as the patient's name, can be made black.
 
-Whatever changes again and again as one large piece is the sector. Text never changes, and a clock or a trace that does
-is a small piece apart. This takes in what the overlay mask calls static outside the sector, and more.
+What changes again and again as one large piece is the sector. Text never changes, and a clock or a trace that does is a
+small separate piece. What is made black includes what the overlay mask calls static outside the sector, and more.
 """
 
 import cv2
@@ -13,28 +13,29 @@ from probewatch.drivers.samples import GreyImage
 _APART = 6
 """Pictures between the two that are compared, .2 s at 30 Hz: a slow hand has moved by a grain of speckle."""
 _CHANGED_GREY = 12
-"""Difference that counts as change. Fewer are reached by the receiver's noise beside the sector, more are not reached
-by dim tissue. Not measured."""
+"""Difference, greys, that counts as change. The receiver's noise beside the sector reaches a smaller one; dim tissue
+does not reach a larger one. Not measured."""
 _MOVING_SHARE = 0.05
-"""Share of the picture that must have changed, or the probe rests and nothing is learnt: more than clocks and traces
-take."""
+"""Share of the picture that must have changed, or else the probe is at rest and nothing is learnt: more than clocks and
+traces cover."""
 _ENOUGH = 6
 """Comparisons with motion before the sector is known: a second of it. Fewer leave holes at shadows."""
 _FORGET = 0.97
-"""Weight of what was learnt before, at each: about 30 are remembered, six seconds of motion. More keeps a sector that
-the scanner has made smaller for longer; less loses the tissue in a shadow."""
+"""Weight of what was learnt before, at each comparison: about 30 are remembered, six seconds of motion. A higher one
+keeps a sector for longer that the scanner has made smaller; a lower one loses the tissue in a shadow."""
 _OFTEN = 0.1
 """Share of the comparisons in which a pixel of the sector changes; a clock's digit changes in fewer. Not measured."""
 _CLOSE, _OPEN, _GROW = np.ones((9, 9), np.uint8), np.ones((5, 5), np.uint8), np.ones((5, 5), np.uint8)
 """Kernels for the half-sized picture: they join speckle to one piece, cut strokes of letters off it, and keep its
 edge."""
 _JUMP_GREY, _JUMP_SHARE = 40, 0.02
-"""Change of one picture to the next beside the sector, and how much of that may change so: from there on the scanner
-shows another screen, such as its list of patients, and nothing is known of it. A clock's tick is a tenth of that."""
+"""Change, greys, from one picture to the next beside the sector, and the share of that area that may change so: beyond
+it the scanner shows another screen, such as its list of patients, of which nothing is known. A clock's tick is a tenth
+of that."""
 
 
 class Sector:
-    """One picture after the other, (h, w) uint8. inside: (h, w) bool, None until it is known."""
+    """Learns the sector from one picture after the other."""
 
     def __init__(self) -> None:
         self._before: GreyImage | None = None
@@ -45,8 +46,9 @@ class Sector:
         self._count, self._seen, self._weight = 0, 0, 0.0
 
     def step(self, image: GreyImage) -> Bits | None:
-        """Where tissue may be seen in this very picture; None while it is not known. A picture of another size, or
-        another screen, starts again.
+        """Takes the next picture, (h, w) uint8, and returns where tissue may be seen in it, (h, w) bool.
+
+        Returns None while that is not known. A picture of another size, or of another screen, starts again.
         """
         now = half(image)
         if self._before is not None and (self._before.shape != now.shape or self._another_screen(now)):

@@ -1,8 +1,8 @@
-"""Where bone, gas or a face off the skin leaves a shadow along the beam.
+"""Finds where bone, gas or a face off the skin casts a shadow along the beam.
 
 The edges of a shadow are strong and straight, and they turn with the probe instead of with the tissue. A fit that
-follows them sees less turn than there is, so a healthy probe had a wrong offset (docs/method.md, section 3): of .3°
-over two ribs, registration found .286°, and .14° where tissue may give way.
+follows them sees less turn than there is, so that a healthy probe had a wrong offset (docs/method.md, section 3): of
+.3° over two ribs, registration found .286°, and .14° where tissue may give way.
 """
 
 import cv2
@@ -12,41 +12,46 @@ from probewatch.appliance.core.registration.pyramid import Bits, Level, Pyramid,
 from probewatch.drivers.samples import GreyImage
 
 _LEVEL = 2
-"""Which is looked at, a quarter of the picture's size: speckle is still several px wide."""
+"""Index of the level that is examined, a quarter of the picture's size: speckle is still several px wide."""
 _ACROSS, _DOWN = 0.03, 0.12
-"""Window of the mean change along a row, as shares of width and height: narrower than a rib's shadow, and longer than a
-null of the speckle is high. Less takes nulls for shadows, more misses narrow ones. Not varied."""
+"""Window of the mean change along a row, as shares of width and height: narrower than a rib's shadow, and taller than a
+null of the speckle. A smaller one takes nulls for shadows; a larger one misses narrow shadows. Not varied."""
 _LEAST_CHANGE = 0.25
-"""Share of the mean change along a row below which the picture shows no speckle. More takes dim tissue for a shadow;
-less misses the shadow of gas, whose bands ring: .15 missed it in a third of the keyframes, .2 in 3 %, .25 in 2 %; none
-was found in twelve sessions without shadows. Chosen by looking at simulated ribs, gas and a face off the skin."""
+"""Share of the mean change along a row below which the picture shows no speckle. A higher one takes dim tissue for a
+shadow; a lower one misses the shadow of gas, whose bands ring: .15 missed it in a third of the keyframes, .2 in 3 %,
+.25 in 2 %; none was found in twelve sessions without shadows. Chosen by looking at simulated ribs, gas and a face off
+the skin."""
 _TALLEST_VESSEL = 0.25
 """Share of the picture's height from which an area without speckle is a shadow: a shadow reaches the picture's bottom.
-More misses shadows of deep bone, less takes vessels for shadows. Not varied."""
+A higher one misses shadows of deep bone; a lower one takes vessels for shadows. Not varied."""
 _EDGE = 0.04
-"""Share of the width by which a shadow is widened to either side: its soft edge, and the speckle that this spoils. More
-leaves less tissue to look at, less leaves some of the edge. Not varied."""
+"""Share of the width by which a shadow is widened to either side: its soft edge, and the speckle that this spoils. A
+larger one leaves less tissue to look at; a smaller one leaves some of the edge. Not varied."""
 _SECTOR_TALL = 0.5
-"""Share of the picture's height over which a column of the sector is lit: more than four lines of text at its side.
-More finds no shadows where tissue is dim at depth; with none, text made the sector wider, and its sides were left out.
-"""
+"""Share of the picture's height over which a column of the sector is lit: more than four lines of text at its side. A
+higher one finds no shadows where tissue is dim at depth; without it, text made the sector wider, and its sides were
+left out."""
 _MOST_SHARE = 0.5
-"""Share of the sector from which an area without speckle is no shadow: a picture of wires in water is mostly black."""
+"""Share of the sector beyond which an area without speckle is not a shadow: a picture of wires in water is mostly
+black."""
 
 
 class Shadows:
-    """Finds the shadows of each keyframe. The sector is known from all keyframes so far, which have one size: a side
-    that showed speckle once and shows none now lies in a shadow.
+    """Finds the shadows of each keyframe.
+
+    The sector is learned from all keyframes so far, which have one size: a side that showed speckle once and shows none
+    now lies in a shadow.
     """
 
     def __init__(self) -> None:
         self._sector: Bits | None = None
         self.clear_share = 1.0
-        """Share of the latest picture that lies in the sector and in no shadow; 1 while the sector is not known."""
+        """Share of the latest picture that is in the sector and in no shadow; 1 while the sector is not known."""
 
     def outside(self, levels: Pyramid, mask: Bits | None) -> Bits | None:
-        """Returns where tissue may be seen and lies in no shadow. mask, result: (h, w) bool of the picture, True where
-        tissue may be seen; None for everywhere.
+        """Returns where tissue may be seen and lies in no shadow.
+
+        mask, result: (h, w) bool of the picture, True where tissue may be seen; None for everywhere.
         """
         level = levels.levels[min(_LEVEL, levels.coarsest)]
         seen = None if mask is None else mask_at(mask, level.shape)
@@ -62,7 +67,7 @@ class Shadows:
         return np.asarray(~covered if mask is None else mask & ~covered)
 
     def _dark(self, lit: Bits, seen: Bits | None) -> Bits:
-        """(h, w): the parts of the sector without speckle; nowhere if they are most of it."""
+        """Returns the parts of the sector without speckle, (h, w) bool; none where they are most of it."""
         sector, without = _between(lit), ~lit
         if seen is not None:
             # Without a mask, text that touches the sector is lit too, so such a sector is not remembered.
@@ -75,7 +80,7 @@ class Shadows:
 
 
 def _lit(level: Level, seen: Bits | None) -> Bits:
-    """(h, w): where the picture changes along its rows, as speckle does."""
+    """Returns where the picture changes along its rows as speckle does, (h, w) bool."""
     change = np.zeros(level.shape, np.int16)
     cv2.absdiff(level[:, 2:], level[:, :-2], change[:, 1:-1])
     if seen is not None:
@@ -86,7 +91,7 @@ def _lit(level: Level, seen: Bits | None) -> Bits:
 
 
 def _between(lit: Bits) -> Bits:
-    """The convex hull of the largest piece of what is lit, where that is tall: a sector is convex, and text is low."""
+    """Returns the convex hull of the largest tall piece of what is lit: a sector is convex, and text is low."""
     column = np.ones((round(_SECTOR_TALL * lit.shape[0]), 1), np.uint8)
     tall = cv2.morphologyEx(lit.view(np.uint8), cv2.MORPH_OPEN, column)
     area = np.zeros(lit.shape, np.uint8)
@@ -101,7 +106,7 @@ def _between(lit: Bits) -> Bits:
 
 
 def _tall(dark: Bits) -> Bits:
-    """(h, w): the pieces that are taller than a vessel."""
+    """Returns the pieces that are taller than a vessel, (h, w) bool."""
     if not dark.any():
         return dark
     _, labels, found, _ = cv2.connectedComponentsWithStats(dark.view(np.uint8), connectivity=4)
@@ -111,8 +116,9 @@ def _tall(dark: Bits) -> Bits:
 
 
 def _widened(shadow: Bits) -> GreyImage:
-    """(h, w) of 0 and 1: the shadow, widened to either side by half the window, where the mean still reaches beyond the
-    edge, and by the edge itself.
+    """Returns the shadow, (h, w) of 0 and 1, widened to either side by half the window and by the edge.
+
+    Within half the window, the mean still reaches beyond the edge.
     """
     kernel = np.ones((1, _odd((_ACROSS + 2 * _EDGE) * shadow.shape[1])), np.uint8)
     return np.asarray(cv2.dilate(shadow.view(np.uint8), kernel), dtype=np.uint8)

@@ -1,6 +1,6 @@
-"""High-pass filter that leaves the speckle of a picture.
+"""Filters a picture with a high-pass that leaves its speckle.
 
-Where speckle changes, the residuals of neighbouring pixels are correlated. Least squares assume that they are not, and
+Where speckle changes, the residuals of neighbouring pixels are correlated. Least squares assumes that they are not, and
 in the filtered picture they are less so.
 """
 
@@ -10,24 +10,27 @@ import numpy as np
 from probewatch.appliance.core.registration.pyramid import Array32, Bits, Level, Pyramid, mask_at
 
 _COARSEST_WIDTHS, _FINEST_SIGMAS = 4, 95
-"""The height of the picture ÷ the width, or ÷ sigma, of what counts as smooth."""
+"""Height of the picture ÷ the width, or ÷ sigma, of the average that counts as smooth."""
 _SMOOTH = 2
-"""The level it is averaged on; between its pixels what is smooth is a straight line."""
+"""Index of the level that is averaged; between its pixels the smooth part is interpolated linearly."""
 _LEAST_SHARE = 0.01
-"""Share of the neighbourhood that the mask leaves visible. It only keeps the mean of almost nothing from 0 ÷ 0: no
-point is taken from there, as the mask hides it.
+"""Least share of the neighbourhood that the mask leaves visible. It only prevents 0 ÷ 0 in the mean of almost nothing:
+no point is taken from there, because the mask hides it.
 """
 
 
 def coarse_speckle(level: Level) -> Array32:
-    """Speckle of the coarsest level, without shadows and gain."""
+    """Returns the speckle of the coarsest level, without shadows and gain."""
     width = level.shape[0] // _COARSEST_WIDTHS | 1
     return np.asarray(cv2.subtract(level, cv2.blur(level, (width, width)), dtype=cv2.CV_32F), dtype=np.float32)
 
 
 class Speckle:
-    """Speckle of the finest level. mask: (h, w) bool of the picture, True where tissue may be seen: what is smooth is
-    averaged from there, or text would shade what is around it."""
+    """Filters the finest level of pictures, and remembers the latest.
+
+    mask: (h, w) bool of the picture, True where tissue may be seen: the smooth part is averaged there alone, or text
+    would shade its surroundings.
+    """
 
     def __init__(self, mask: Bits | None) -> None:
         self._mask = mask
@@ -36,7 +39,10 @@ class Speckle:
         self._latest: tuple[Pyramid, Level] | None = None
 
     def of(self, levels: Pyramid) -> Level:
-        """(h, w). Of the latest picture it is remembered: where a registration does not convince, others follow."""
+        """Returns the speckle of the finest level, (h, w).
+
+        That of the latest picture is remembered: where a registration does not convince, others follow.
+        """
         if self._latest is None or self._latest[0] is not levels:
             height, width = levels.finest.shape
             smooth = cv2.resize(self._smooth(levels), (width, height), interpolation=cv2.INTER_LINEAR)

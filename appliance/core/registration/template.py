@@ -1,4 +1,4 @@
-"""Which points of a keyframe are looked at."""
+"""Chooses the points of a keyframe that registration uses."""
 
 import numpy as np
 
@@ -6,17 +6,21 @@ from probewatch.appliance.core.registration.points import Picture, Template
 from probewatch.appliance.core.registration.pyramid import Bits, Level, mask_at
 
 _EDGE_PX = 2
-"""A gradient looks 1 px to either side, and each pixel of the finest level is the sum of 3 × 3."""
+"""px at the sides from which no point is taken: a gradient reaches 1 px to either side, and each pixel of the finest
+level is the sum of 3 × 3."""
 _LEAST_POINTS = 64
-"""As many as a descent needs in view, LEAST_SEEN of descent.c: with fewer every registration would be lost."""
+"""Fewest points, as many as a descent needs in view (LEAST_SEEN of descent.c): with fewer every registration would be
+lost."""
 _LEAST_STEP = 3
-"""Greys, across plus down, over 2 px. Flatter pixels hold the rounding of greys and the noise of black."""
+"""Least gradient, greys across plus down, over 2 px. Flatter pixels hold the rounding of greys and the noise of black.
+"""
 _FLAT_SHARE = 0.02
-"""Share of the energy of the gradient that may be left out. More takes fewer points, and in speckle leaves the nulls
-alone; less spends points on pixels that say nothing. Not measured.
+"""Share of the energy of the gradient that may be left out. A larger one takes fewer points, and in speckle leaves the
+nulls out; a smaller one spends points on pixels that show nothing. Not measured.
 """
 _SPARE = 1.2
-"""How many more points than wanted are looked at, as flat and hidden ones fall out; too few, and every pixel is."""
+"""Ratio of points that are examined to those that are wanted, because flat and hidden ones drop out; where too few are
+left, every pixel is examined."""
 
 
 def template(
@@ -28,9 +32,9 @@ def template(
     most: int,
     mask: Bits | None,
 ) -> Template | None:
-    """About `most` points of a level, spread evenly over what has structure; None where there is too little of it.
+    """Returns about `most` points of a level, spread evenly over what has structure; None where there is too little.
 
-    Evenly, not the steepest: in speckle the steepest are the edges of nulls. mask: (h, w) of the full picture.
+    The steepest points are not preferred: in speckle those are the edges of nulls. mask: (h, w) of the full picture.
     fading: px of depth over which the drag of the skin falls to 1/e.
     """
     if min(level.shape) < 2 * _EDGE_PX + 1:
