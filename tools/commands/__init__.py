@@ -1,3 +1,3 @@
-"""The subcommands of `probewatch`, one file each, named like the command. Code longer than a command is in other
-folders.
+"""Contains the subcommands of `probewatch`, one file each, named like the command. Code that is more than a command
+lies in other folders.
 """

@@ -48,7 +48,7 @@ def command(control_socket: Path, bump: bool) -> None:
 
 
 def _has_expired(status: Mapping[str, Any]) -> bool:
-    """Whether no motion will verify the calibration, as its date has passed."""
+    """Returns whether no motion will verify the calibration, because its date has passed."""
     return bool(status.get("reference_overdue")) and status.get("reference_waits") == status["reference_overdue"]
 
 

@@ -1,4 +1,4 @@
-"""`probewatch calibration measured`: the calibration that motion has measured over all examinations."""
+"""`probewatch calibration measured`: reports the calibration that motion has measured over all examinations."""
 
 import sys
 from pathlib import Path

@@ -28,7 +28,7 @@ from probewatch.tools.shared.named_cart import file_argument
 from probewatch.tools.shared.unit_sight import unseen_mistakes
 
 _ANY_SIZE_PX = (640, 480)
-"""Stands for the size of pictures that are not there; no other finding depends on it."""
+"""(width, height), stands for the size of pictures that are not there; no other finding depends on it."""
 
 
 @click.command()
@@ -69,7 +69,7 @@ def command(file: Path) -> None:
 
 
 def _on_dates(config: Config) -> Iterator[str]:
-    """Yields which date of the calibration has passed, and what that does."""
+    """Yields which date of the calibration has passed, and the effect of that."""
     place, language = config.calibration, config.alarm.language
     if place.file is None:
         return
@@ -80,7 +80,7 @@ def _on_dates(config: Config) -> Iterator[str]:
 
 
 def _is_adapted(file: Path) -> bool:
-    """Whether a person has configured it; a file that is no TOML may have been."""
+    """Returns whether a person has configured it; a file that is not TOML counts as configured, as it may have been."""
     try:
         return is_configured(file)
     except ConfigurationError:
@@ -129,7 +129,7 @@ def calibration_mistakes(place: CalibrationPlace) -> list[str]:
         return []
     try:
         content = calibration_bytes(place.file)
-        # Of a device set the first picture may tell the size; any stands for it while nothing is started.
+        # For a device set the first picture may determine the size; any size stands for it while nothing is started.
         candidate_from_content(content, str(place.file), size_for(content, place, _ANY_SIZE_PX), place.probe)
     except ConfigurationError as error:
         return rows(error)

@@ -1,4 +1,4 @@
-"""`probewatch demo`: a simulated cart with injected faults, from bytes to alarm."""
+"""`probewatch demo`: runs a simulated cart with injected faults, from bytes to alarm."""
 
 import signal
 import sys
@@ -30,11 +30,12 @@ from probewatch.tools.shared.status_view import Status
 from probewatch.tools.simulators.whole_cart import CartSettings, NotReady, SimulatedCart
 
 _ANSWER_S = 15.0
-"""Without an answer of the service before the demo gives up. It answers within a tick of 50 ms, so only a machine that
-is too busy, or a service that hangs, comes to this; less ends demos that would have gone on. Not measured.
-"""
+"""Seconds without an answer of the service before the demo gives up. It answers within a tick of 50 ms, so only on a
+machine that is too busy, or where the service hangs, does it take as long; less ends demos that would have gone on. Not
+measured."""
 _ASK_AGAIN_S = 0.5
-"""Of the cart, between two acknowledgements. Shorter asks again before the first can show; longer ends later."""
+"""Seconds of the cart between two acknowledgements. Shorter acknowledges again before the first can take effect; longer
+ends later."""
 _LESS_BUSY = "Try again when the machine is less busy"
 
 
@@ -130,7 +131,7 @@ def command(
 
 @contextmanager
 def _stoppable() -> Iterator[threading.Event]:
-    """Returns an event that termination signals set, so that the program ends at a point of its own choosing."""
+    """Yields an event that termination signals set, so that the program ends at a point of its own choosing."""
     stop = threading.Event()
     numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
     before = {number: signal.signal(number, lambda *_: stop.set()) for number in numbers}
@@ -149,7 +150,7 @@ def _run(
     stop: threading.Event,
 ) -> tuple[Script, History, dict[str, int]]:
     """Returns the script, the history and the service's counters. Raises Abort when stopped, DeviceLost when a part
-    dies, TooBusy.
+    dies, TooBusy where this computer was overloaded shortly before the service stopped answering.
     """
     with DemoLoad() as load:
 
@@ -176,7 +177,7 @@ def _show(
     pause: Callable[[float], None],
     load: DemoLoad,
 ) -> tuple[Script, History, dict[str, int]]:
-    """Runs the demo."""
+    """Runs the demo on a simulated cart in a temporary folder, and returns what `_run` does."""
     director = Director(plan)
     view = LiveView(console, director) if console.is_terminal and not console.is_dumb_terminal else PlainView()
     with tempfile.TemporaryDirectory(prefix="probewatch-", ignore_cleanup_errors=True) as folder:
@@ -190,7 +191,7 @@ def _show(
 
 
 class PlainView(nullcontext[None]):
-    """The demo without a terminal: one line per event."""
+    """Shows the demo without a terminal: one line per event."""
 
     def event(self, t_s: float, text: str, state: State | None = None) -> None:
         """Prints an event; t_s is simulated time."""
@@ -237,16 +238,16 @@ class Operator:
         self._view.show(t_s, status)
 
     def finished(self, duration_s: float | None) -> bool:
-        """Whether the time is up or, without a time limit, whether the script is complete."""
+        """Returns whether the time is up or, without a time limit, whether the script is complete."""
         t_s = self._cart.now_s()
         return self._director.finished(t_s) if duration_s is None else t_s >= duration_s
 
     def script(self) -> Script:
-        """The faults shown so far."""
+        """Returns the faults shown so far."""
         return self._director.script(self._cart.now_s())
 
     def history(self) -> History:
-        """The states and faults seen so far."""
+        """Returns the states and faults seen so far."""
         seen = tuple(self._moments), tuple(self._switches), tuple(self._acknowledged_s)
         busy_s, prompts = self._load.spans_s(self._cart.clock), tuple(self._prompts)
         return History(*seen, self._cart.now_s(), busy_s, prompts, self._point_mm)
@@ -285,7 +286,7 @@ class Operator:
             self._view.event(t_s, prompt.text)
 
     def _note_point(self, t_s: float, status: Status) -> None:
-        """Tells once after each verification how far off a point of the picture may be, and keeps the least of it."""
+        """Reports once after each verification how large the error of a point may be, and keeps the smallest bound."""
         point = status["point"] if State(status["state"]) is State.MONITORING else None
         if point is None:
             self._told_point = self._told_point and State(status["state"]) is State.MONITORING
@@ -304,7 +305,7 @@ class Operator:
             self._view.event(t_s, f"relay board: contact {'closed' if event['energised'] else 'opened'}")
 
     def _acknowledge(self, t_s: float, status: Status) -> None:
-        """Acknowledges as an operator would: the cause is gone, and the pipeline reports the calibration as correct
+        """Acknowledges when an operator would: the cause is gone, and the pipeline reports the calibration as correct
         again.
         """
         latched = State(status["state"]) in LATCHED and status["verdict"] == "OK"

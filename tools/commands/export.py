@@ -59,7 +59,7 @@ def command(recordings: tuple[Path, ...], form: str | None, output: Path | None)
 
 
 def _form_of(output: Path | None) -> str:
-    """Returns the form that the new file's name says. Raises click.UsageError where it says none."""
+    """Returns the form that the suffix of the new file names. Raises click.UsageError where it names none."""
     named = (
         None if output is None else next((one for one in FORMS if output.name.endswith(f".{one.lstrip('.')}")), None)
     )

@@ -19,9 +19,8 @@ from probewatch.tools.shared.recording_options import recording_options
 from probewatch.tools.shared.terminal import progress_bar
 
 _CLOCK_SIGMA_MS = 5.0
-"""Of what the recorder's own stamps add to every estimate, which no motion shows: the figure that PLUS states for its
-temporal calibration. The estimator's own sigma is of the motion alone.
-"""
+"""ms, sigma of what the recorder's own stamps add to every estimate, which no motion shows: the figure that PLUS states
+for its temporal calibration. The estimator's own sigma is that of the motion alone."""
 
 
 @click.command(name="latency")
@@ -92,7 +91,7 @@ def _of_tissue(session: Recording, calibration: Path, probe: str | None, recordi
 
 
 def _walk(session: Recording, work: str, step: Callable[[Sample], object]) -> None:
-    """Takes each sample of the recording, and shows how far the work has come."""
+    """Passes each sample of the recording to `step`, and shows the progress."""
     with progress_bar(work) as progress:
         task = progress.add_task("latency", total=len(session))
         for sample in session.samples():

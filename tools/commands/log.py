@@ -1,4 +1,4 @@
-"""`probewatch log`: read, filter, verify and export the alarm log."""
+"""`probewatch log`: reads, filters, verifies and exports the alarm log."""
 
 import csv
 import io
@@ -30,16 +30,16 @@ _COLOURS |= {"internal fault": "red", "monitoring": "green", "not verified": "cy
 _COLUMNS = ("number", "utc", "event", "state", "fault", "reason", "do", "who", "latched", "text", "digest")
 _FORMULA = ("=", "+", "-", "@")
 _SAID = ("state", "reason", "text")
-"""What the service says in an entry, in English."""
+"""Fields of an entry that hold texts of the service, in English."""
 _SAID_IN: Mapping[str, str] = {Event.STATE: "reason", Event.PROPOSAL: "text", Event.UNDECIDED: "text"}
-"""Where it says more than a word, which may have no translation."""
+"""Field of such an entry that holds more than a word, and may have no translation."""
 _LISTS = (Event.OVERLOADED, Event.OVERLOAD_ENDED, Event.OVERDUE, Event.WALL_CLOCK, Event.SLEPT)
-"""Whose texts are told part by part, whole in one language."""
+"""Entries whose texts are translated part by part, but only where every part has a translation."""
 _STATES = tuple(str(state.value) for state in State)
 
 
 def _one_of(words: Iterable[str]) -> Callable[[click.Context, click.Parameter, str | None], str | None]:
-    """Refuses every other word and suggests the most similar one."""
+    """Returns a callback that refuses every other word and suggests the most similar one."""
     known = [str(word) for word in words]
 
     def checked(_: click.Context, __: click.Parameter, value: str | None) -> str | None:
@@ -121,13 +121,13 @@ def _within(entry: Entry, since: datetime | None, until: datetime | None) -> boo
 
 def _named(entry: Entry, state: str | None, fault: str | None, event: str | None) -> bool:
     if state is not None and entry.event != Event.STATE:
-        return False  # others say in which state they came, such as the end of an overload
+        return False  # in other entries, such as the end of an overload, it is the state in which they were written
     wanted = ((state, entry.data.get("state")), (fault, entry.data.get("fault")), (event, entry.event))
     return all(asked is None or asked == has for asked, has in wanted)
 
 
 def _line(entry: Entry, language: str) -> str:
-    """Returns the entry in the language where it can be told whole in it, else in English."""
+    """Returns the entry in the language where all of it can be translated, else in English."""
     spoken = language if _is_whole(entry, language) else "en"
     said = _sentence(entry, spoken)
     if spoken != language and entry.event in _TOLD_WHOLE:
@@ -143,7 +143,7 @@ def _line(entry: Entry, language: str) -> str:
 
 
 def _sentence(entry: Entry, language: str) -> str:
-    """Returns what the entry says, with those of its words in the language that have their translation."""
+    """Returns the text of the entry, with those of its words in the language that have a translation."""
     return _TEXTS.get(entry.event, _all_of_it)(_in(language, entry))
 
 
@@ -155,7 +155,7 @@ def _is_whole(entry: Entry, language: str) -> bool:
 
 
 def _in_parts(event: str, text: str, language: str) -> str:
-    """Returns the text of an entry that is a list, in the language; empty where a part has none in it."""
+    """Returns the text of an entry that is a list, in the language; empty where a part has no translation."""
     if event == Event.ESTIMATE:
         reference, _, listed = text.partition(": ")
         parts = [part.split(" ", 1) for part in listed.split(", ")]
@@ -171,7 +171,7 @@ def _in_parts(event: str, text: str, language: str) -> str:
 
 
 def _in(language: str, entry: Entry) -> Mapping[str, Any]:
-    """Returns what the entry holds with the texts of the service in that language; a request has words of a person."""
+    """Returns the fields of the entry, with the service's texts in that language; a request has words of a person."""
     if entry.event == Event.REQUEST:
         seen = entry.data.get("acknowledged")
         said = {"acknowledged": say_change(seen, language)} if isinstance(seen, str) else {}
@@ -183,7 +183,7 @@ def _in(language: str, entry: Entry) -> Mapping[str, Any]:
 
 
 def _who(data: Mapping[str, Any], language: str) -> str:
-    """Returns who asked, as the service has it: user and process."""
+    """Returns who made the request, as the service recorded it: user and process."""
     user, comma, number = str(data.get("who")).rpartition(", process ")
     return told("{user}, process {number}", language, user=user, number=number) if comma else number
 
@@ -204,9 +204,7 @@ def _request(data: Mapping[str, Any]) -> str:
 
 
 def _estimate(data: Mapping[str, Any]) -> str:
-    """Returns value ± sigma of each parameter; an entry in another format, as from another version, is returned as it
-    is.
-    """
+    """Returns value ± sigma of each parameter; all fields where another version wrote the entry in another format."""
     checks = data.get("checks")
     if not isinstance(checks, Mapping) or not all(isinstance(row, list) and len(row) == 3 for row in checks.values()):
         return _all_of_it(data)
@@ -308,7 +306,7 @@ def _reference(reference: object, language: str) -> str:
 
 
 def _recognised(text: object, language: str) -> str:
-    """Returns what the service has said, in the language. Raises KeyError where it cannot be told in it."""
+    """Returns a text of the service in the language. Raises KeyError where it has no translation."""
     said = recognised(str(text), language)
     return _only_english(text) if said == text and language != "en" else said
 
@@ -331,8 +329,8 @@ _TOLD_WHOLE: Mapping[str, Callable[[Mapping[str, Any], str], str]] = {
     Event.RELOADED: _reloaded,
     Event.GIVEN_UP: _given_up,
 }
-"""Entries of what was in force, and of a scan that was given up, in the language. Each raises KeyError where it cannot
-be told whole in it.
+"""Functions that write entries of what was in force, and of a scan that was given up, in the language. Each raises
+KeyError where a part of the entry has no translation.
 """
 _TEXTS: Mapping[str, Callable[[Mapping[str, Any]], str]] = {
     Event.STATE: _state,
@@ -351,7 +349,8 @@ _TEXTS: Mapping[str, Callable[[Mapping[str, Any]], str]] = {
     Event.PROPOSAL: lambda data: str(data.get("text")),
     Event.UNDECIDED: lambda data: str(data.get("text")),
 }
-"""What an entry of that kind says; of every other kind, also of another version's, all that it holds."""
+"""Functions that write an entry as text; of an entry of any other kind, also of another version, all fields are shown.
+"""
 
 
 def _fault(fault: object) -> str:
@@ -359,7 +358,7 @@ def _fault(fault: object) -> str:
 
 
 def _export(path: Path, entries: Iterable[Entry]) -> None:
-    """Writes the entries. Raises ConfigurationError."""
+    """Writes the entries to a new CSV file. Raises ConfigurationError."""
     text = io.StringIO(newline="")
     writer = csv.DictWriter(text, _COLUMNS)
     writer.writeheader()
@@ -374,13 +373,13 @@ def _export(path: Path, entries: Iterable[Entry]) -> None:
 
 
 def _cell(value: object) -> str:
-    """Text of a CSV cell: empty for None, and with a leading apostrophe where a spreadsheet would read a formula."""
+    """Returns the text of a CSV cell: empty for None, with a leading ' where a spreadsheet would read a formula."""
     text = "" if value is None else printable(str(value), LONGEST_TEXT)
     return f"'{text}" if text.startswith(_FORMULA) else text
 
 
 def _verified(reading: Reading, language: str) -> int:
-    """Prints whether the chain is intact, defects on stderr; returns the exit code."""
+    """Prints whether the chain is intact, and its defects on stderr; returns the exit code."""
     for damage in reading.damages:
         click.secho(damage_text(str(damage), language), err=True, fg="red" if damage.fault else "yellow")
     for entry in reading.entries[1:]:

@@ -18,10 +18,10 @@ from probewatch.tools.shared.termination import termination
 from probewatch.tools.shared.without_effect import refuse_typed
 
 _LISTEN = "127.0.0.1:9797"
-"""No port that Prometheus' list of exporters or Debian's packages gives to another program, as far as known."""
+"""Neither Prometheus' list of exporters nor Debian's packages give this port to another program, as far as known."""
 _METRICS_BEGIN = b"# HELP probewatch_"
 _EVERY_S = 15.0
-"""Between two files: Prometheus asks as often, unless it is told otherwise."""
+"""Seconds between two files: the interval at which Prometheus itself asks, unless it is configured otherwise."""
 
 
 @click.command()

@@ -16,7 +16,9 @@ _FILE = click.Path(dir_okay=False, path_type=Path)
 
 
 def _topic(_context: click.Context, option: click.Parameter, text: str | None) -> str:
-    """Validates a topic name: one or several levels, no wildcards, none empty."""
+    """Returns a valid topic name: one or several levels, none empty, without wildcards; the host's name where none was
+    given. --discovery alone may be empty. Raises click.BadParameter.
+    """
     name = socket.gethostname().partition(".")[0] if text is None else text
     if not name and option.name != "discovery":
         raise click.BadParameter("must not be empty")

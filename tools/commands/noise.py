@@ -32,7 +32,7 @@ from probewatch.tools.shared.recording_options import recording_options
 
 _Item = TypeVar("_Item")
 _DIGITS = 3
-"""Of what is written: a thousandth of a nat changes no verdict that a person could tell."""
+"""Decimal places of what is written: a thousandth of a nat changes no verdict that a person could tell apart."""
 
 
 @click.command()
@@ -94,14 +94,14 @@ def command(
 
 
 def _refuse_without_effect(several: Sequence[Path | Series], named: Named) -> None:
-    """Refuses options for sequences where there is none."""
+    """Refuses options for sequences where no sequence is named."""
     given = [f"--{field.name}" for field in fields(named) if getattr(named, field.name) is not None]
     if given and all(isinstance(one, Series) for one in several):
         raise click.UsageError(f"{given[0]} is for sequences: a black box holds the pose that the cart used")
 
 
 def _heard(one: Path | Series, calibration: Path | None, judging: Judging, named: Named) -> tuple[Heard, bool]:
-    """Returns what was heard, and whether it is simulated."""
+    """Returns the peaks of one recording, and whether it is simulated. Raises RecordingError, click.UsageError."""
     stale_ns = judging.timeouts.stale_ns
     if isinstance(one, Series):
         heard = heard_in_series(one, judging.limits, stale_ns)
@@ -118,7 +118,7 @@ def _files(one: Path | Series) -> tuple[Path, ...]:
 
 
 def _once_each(files: list[Path]) -> tuple[LearnedFrom, ...]:
-    """Raises RecordingError where two recordings are the same."""
+    """Returns the name and SHA-256 of each file. Raises RecordingError where two files are the same."""
     known: dict[str, Path] = {}
     for file in files:
         digest = file_sha256(file)

@@ -30,7 +30,7 @@ def _name(_context: click.Context, _option: click.Parameter, text: str) -> str:
     return text
 
 
-# Bounds of --every: the tick of the service, and what a person still calls live.
+# Bounds of --every: the tick of the service, and the longest interval that a person would still call live.
 @click.command("openigtlink")
 @socket_option
 @click.option("--host", default="127.0.0.1", show_default=True, help="address to listen at; 0.0.0.0 for every network")

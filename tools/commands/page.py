@@ -30,12 +30,12 @@ from probewatch.tools.shared.status_watch import StatusWatch
 from probewatch.tools.shared.without_effect import refuse_typed
 
 _LISTEN = "127.0.0.1:9780"
-"""No port that Debian's packages give to another program, as far as known; beside that of the metrics."""
+"""Debian's packages give this port to no other program, as far as known; it is near that of the metrics."""
 _DOOR = Path("/run/probewatch-page/door")
 _EVERY_S = 0.2
-"""Between two questions to the service while somebody looks: four of its ticks."""
+"""Seconds between two requests to the service while the page has a viewer: four of its ticks."""
 _LONGEST_HEADERS = 16_384
-"""Bytes: browsers send some 1000."""
+"""Bytes of HTTP headers at most: browsers send some 1000."""
 
 _SERVING_ALONE = ("--socket", "--feed", "--listen", "--host", "--cart", "--folder")
 
@@ -118,7 +118,7 @@ def command(
 
 
 def _warn_if_useless(folder: Path | None) -> None:
-    """Says at the start what each scan would be refused for; the page serves the status all the same."""
+    """Warns at the start why each scan would be refused; the page serves the status all the same."""
     try:
         check_writable(None if folder is None else folder / "calibration")
     except ConfigurationError as error:

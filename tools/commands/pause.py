@@ -14,14 +14,14 @@ from probewatch.tools.shared.named_cart import socket_option
 from probewatch.tools.shared.spoken import language_of, say
 
 _SHORTEST_S, _LONGEST_S = 1, 120
-"""What the service grants (docs/alarms.md): a longer pause would be forgotten."""
+"""Bounds of a pause that the service grants (docs/alarms.md): a longer one would be forgotten."""
 _UNITS_S = {"": 1, "s": 1, "m": 60, "min": 60}
-"""Seconds of each unit that may be typed; none is seconds."""
+"""Length in seconds of each unit that may be typed; without a unit the number is in seconds."""
 _TIME = re.compile(r"(\d+(?:\.\d*)?) ?([a-z]*)")
 
 
 def _seconds(_: click.Context, __: click.Parameter, typed: str) -> float:
-    """Returns the time in s, which may be typed with its unit. Raises click.BadParameter."""
+    """Returns the time in s, which may be typed with a unit. Raises click.BadParameter."""
     found = _TIME.fullmatch(typed.strip().lower())
     seconds = float(found[1]) * _UNITS_S.get(found[2], 0) if found else 0.0
     if not _SHORTEST_S <= seconds <= _LONGEST_S:
@@ -66,7 +66,7 @@ def command(control_socket: Path, seconds: float, reason: str | None, on: bool) 
 
 
 def _paused(status: Mapping[str, Any], seconds: float) -> str:
-    """Returns for how long the alarm is silent: a pause ends no audio-off."""
+    """Returns, as text, for how long the alarm is silent: a pause does not end an audio-off."""
     if status["audio"]["mode"] == AudioMode.OFF.value:
         return say("stays off", language_of(status))
     return say("silent", language_of(status), seconds=f"{seconds:g}")

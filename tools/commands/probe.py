@@ -23,23 +23,24 @@ from probewatch.tools.shared.named_cart import cart_language
 from probewatch.tools.shared.time_quality import LEAST_HZ, MOST_JITTER_MS, TimeQuality, time_quality
 
 _READ_S = 0.2
-"""For which a read waits, and by which the measurement may last longer than was asked."""
+"""Seconds for which a read waits, and by which the measurement may exceed the requested time."""
 _HELD_S = 1.0
+"""Seconds for which a contact that is probed stays energised."""
 _LOOSE_BOUND_MS = 10.0
-"""Limit of the timestamp error, which takes from the room on either side of the latency's limit, 60 ms as shipped."""
+"""Limit of the timestamp error, which reduces the margin on either side of the latency's limit, 60 ms as shipped."""
 _MANY_LOST = 0.02
-"""Share of the samples. Less complains of a host that was busy once; more is silent about a line that is too slow. Not
-measured.
-"""
+"""Share of lost samples from which they are reported. Less complains about a host that was busy once; more is silent
+about a line that is too slow. Not measured."""
 _POOR_FIT_MM = 0.5
-"""Median RMS of the markers: two thirds of the shipped limit, .75 mm, so that a person hears of it before the alarm."""
+"""Median RMS of the markers: two thirds of the shipped limit, .75 mm, so that a person learns of it before the alarm.
+"""
 
 _ALIKE = 10
-"""Pictures, a third of a second at 30 Hz. Fewer complain of a short look at a digital picture that rests; more let a
-source that gives nothing but its memory pass as good. Not measured."""
+"""Number of equal pictures that are reported, a third of a second at 30 Hz. Fewer complain about a short look at a
+digital picture that does not change; more let a source that repeats only its memory pass as good. Not measured."""
 _UNKNOWN = "not to be told"
 _NOTHING = "nothing"
-"""Last line of a source that gave nothing to use."""
+"""Last line for a source that yielded nothing usable."""
 
 Row = tuple[str, str]
 Open = Callable[[str, HostClock], TrackerSource | VideoSource]
@@ -49,7 +50,7 @@ _OPENS: dict[str, Open] = {"poses": open_tracker, "pictures": open_video}
 
 @dataclass
 class Measured:
-    """A measurement. `samples` are in order of arrival; `arrivals_ns` holds the arrival of each, on the clock of
+    """Holds a measurement. `samples` are in order of arrival; `arrivals_ns` holds the arrival of each, on the clock of
     the stamps. `end` says why reading ended early.
     """
 
@@ -59,7 +60,7 @@ class Measured:
 
     @property
     def played_out(self) -> bool:
-        """Whether a recording was read to its end, undamaged and with usable samples."""
+        """Returns whether a recording was read to its end, undamaged and with usable samples."""
         return self.end is not None and self.end.what == ENDED and self.usable > 0
 
     @property
@@ -68,12 +69,12 @@ class Measured:
 
     @property
     def half(self) -> str:
-        """Which half of a cart the samples are of."""
+        """Returns which half of a cart the samples belong to."""
         return "poses" if self.poses else "pictures"
 
     @property
     def usable(self) -> int:
-        """The number of samples with a picture or a valid pose."""
+        """Returns the number of samples with a picture or a valid pose."""
         return sum(isinstance(sample, Frame) or sample.status is PoseStatus.OK for sample in self.samples)
 
 
@@ -150,7 +151,7 @@ def _click(output: AlarmOutput, energised: bool, url: str, clock: HostClock) -> 
 def _probe_cart(url: str, seconds: float) -> None:
     """Measures poses, then pictures, each to its end. A recording may hold only one of them.
 
-    Raises DeviceLost where nothing answers; else the error of the first half that yields nothing.
+    Raises DeviceLost where nothing answers; otherwise the error of the first half that yields nothing.
     """
     for each in device_kinds(url):
         check_options(url, each)
@@ -170,8 +171,8 @@ def _probe_cart(url: str, seconds: float) -> None:
 
 
 def _half_of_cart(url: str, open_source: Open, seconds: float) -> ProbewatchError | None:
-    """Prints and returns why this half yields nothing usable. Raises DeviceLost where nothing answers, so that the
-    other half is not tried.
+    """Measures one half of a cart. Prints and returns why it yields nothing usable; None where it does. Raises
+    DeviceLost where nothing answers, so that the other half is not tried.
     """
     clock = HostClock()
     try:
@@ -234,7 +235,7 @@ def _tell(opened: TrackerSource | VideoSource, url: str, seconds: float, clock: 
 def measure(
     source: TrackerSource | VideoSource, seconds: float, clock: HostClock, measured: Measured | None = None
 ) -> Measured:
-    """Returns what arrives in that time, or until the device is lost; `measured` with it, where that is given."""
+    """Returns what arrives in that time, or until the device is lost; it is added to `measured` where that is given."""
     measured = measured or Measured()
     end_ns = clock.now_ns() + round(seconds * 1e9)
     while clock.now_ns() < end_ns:
@@ -323,7 +324,7 @@ def complaints(measured: Measured, time_remedy: str = "") -> Iterator[str]:
 
 
 def _too_few(measured: Measured, seconds: float) -> Iterator[str]:
-    """Complains of a source that gave too few samples for a rate; a recording may be as short."""
+    """Yields a complaint about a source that gave too few samples for a rate; a recording may be as short."""
     if measured.end is None and time_quality(measured.samples, measured.arrivals_ns) is None:
         yield from _complaint_of_rate(measured.usable / seconds, measured.half)
 
@@ -377,6 +378,6 @@ def _say(text: str, mark: str = "") -> None:
 
 
 def _say_failed(word: str, error: ProbewatchError) -> None:
-    """Says in a word how it ended, and why, in the language of the cart as far as the error is known in it."""
+    """Prints in a word how it ended, and why, in the language of the cart as far as the error has a translation."""
     tell_refused(error, cart_language())
     click.echo(f"{device_text(word, cart_language())}: {error}")

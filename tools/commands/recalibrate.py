@@ -307,7 +307,7 @@ def command(
 def _refuse_options(
     live: bool, simulate: bool, recording: Path | None, solve: str, signed_by: str, latency_first: bool
 ) -> None:
-    """Raises UsageError for options that belong to no scan, or to another kind of scan."""
+    """Raises UsageError where no scan is named, and for options that belong to another kind of scan."""
     if live:
         if simulate or recording is not None:
             raise click.UsageError("--live scans on the cart itself; leave --simulated and --recording out")
@@ -324,7 +324,7 @@ def _refuse_options(
 
 
 def _refuse_signed(chosen: Begin, signature: Signature | None) -> None:
-    """Raises ProbewatchError or UsageError before the scan for what would be refused after it."""
+    """Raises ProbewatchError or UsageError, before the scan, for what would be refused after it."""
     if signature is None:
         SignOff(chosen.technician, due=chosen.due, expires=chosen.expires).check()
         return
@@ -380,7 +380,7 @@ def _language(socket: Path | None) -> str:
 
 
 def _hand_over(client: ControlClient, target: Path, yes: bool, language: str) -> None:
-    """Gives the new calibration to the service. Raises ControlRefused, with the command to do so later."""
+    """Gives the new calibration to the service. Raises ControlRefused, which names the command to do so later."""
     try:
         client.end_recalibration(target, *accepted(client.propose_calibration(target), yes, language))
     except ControlRefused as error:

@@ -1,4 +1,4 @@
-"""`probewatch record`: records what the service sees into black boxes, and marks what is kept."""
+"""`probewatch record`: records what the service sees in black boxes, and marks what is kept."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -51,7 +51,7 @@ def command(action: str | None, config_file: Path, reason: str) -> None:
 
 
 def _start(config_file: Path) -> str:
-    """Returns how the recorder of this cart is started; the unit's is another cart's, unless this is the unit's."""
+    """Returns how the recorder of this cart is started; the unit's recorder serves only the unit's configuration."""
     if is_of_the_unit(config_file):
         return "systemctl start probewatch-recorder; journalctl -u probewatch-recorder says why it ended"
     return f"probewatch record --config {config_file}"
@@ -63,7 +63,7 @@ def _print(fields: dict[str, object], language: str) -> None:
 
 
 def told(fields: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Returns the recorder's answer as rows for people; empty for an answer without these fields."""
+    """Returns the recorder's answer as (name, text) rows for people; empty for an answer without these fields."""
     if "session" not in fields:
         return []
     state = "recording" if fields["recording"] else "waits for the service"

@@ -13,7 +13,7 @@ from probewatch.drivers.registry import open_output
 from probewatch.tools.shared.named_cart import required_config
 
 _ANSWER_S = 1.0
-"""For a running service to take the connection: twenty ticks. Longer only delays the end of the unit."""
+"""Seconds for a running service to accept the connection: twenty ticks. Longer only delays the end of the unit."""
 
 
 @click.command("release")

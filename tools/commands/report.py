@@ -1,4 +1,4 @@
-"""`probewatch report`: writes what a cart did in a day, week or month as one page."""
+"""`probewatch report`: writes one page of what a cart did in a day, week or month."""
 
 import platform
 import shutil
@@ -33,10 +33,11 @@ from probewatch.tools.shared.named_cart import cart_option
 _SELF_TESTS = "self-tests"
 _NAMESPACE = "probewatch-report"
 _WRITTEN_S, _LOOK_S = 2.0, 0.1
-"""For a running service to write what it has logged, and between two looks. It takes milliseconds on a disk that is not
-busy (not measured on a slow one); longer would keep a person waiting who has a damaged store."""
+"""Seconds for a running service to write what it has logged, and between two looks. That takes milliseconds on a disk
+that is not busy (not measured on a slow one); longer would keep a person with a damaged store waiting."""
 _TIMEOUT_S = 20
-"""For ssh-keygen to sign with a key of a file, s; one that asks a person or a card is not for a timer."""
+"""Seconds for ssh-keygen to sign with a key in a file; a key for which it must ask a person or a card is not for a
+timer."""
 
 
 @click.command()
@@ -115,7 +116,7 @@ def _refuse_future(wanted: Period, now: datetime) -> None:
 
 
 def _chosen(wanted: Period, found: Summary, by_itself: bool, language: str) -> str:
-    """Says which period the report covers, and why."""
+    """Returns a sentence that says which period the report covers, and why."""
     kind = told(wanted.kind, language)
     if not by_itself:
         over = "Report of the {kind} {name}, as asked for with --of"
@@ -131,7 +132,7 @@ def _chosen(wanted: Period, found: Summary, by_itself: bool, language: str) -> s
 
 
 def _refuse_unreadable_store(file: Path) -> None:
-    """Refuses a store that this user may not read: a report to be filed must not call it damaged."""
+    """Raises ConfigurationError for a store that this user may not read: a filed report must not call it damaged."""
     try:
         refuse_unreadable(file)
     except PermissionError as error:
@@ -139,8 +140,9 @@ def _refuse_unreadable_store(file: Path) -> None:
 
 
 def _settled_history(config: Config, entries: Sequence[Entry]) -> tuple[History | None, str]:
-    """Returns what is known of the references, and why the rest is not. A running service logs a reference before it
-    writes it, so a store that lacks what the log names is read again before it is called damaged.
+    """Returns what is known of the references, and why the rest is not; that is empty where all is known. A running
+    service logs a reference before it writes it, so a store that lacks what the log names is read again before it is
+    called damaged.
     """
     end_s = time.monotonic() + _WRITTEN_S
     while True:
@@ -152,8 +154,8 @@ def _settled_history(config: Config, entries: Sequence[Entry]) -> tuple[History 
 
 
 def _history(config: Config) -> tuple[History | None, str]:
-    """Returns what is known of the references, and why the rest cannot be read: a report is most needed when the store
-    is damaged.
+    """Returns what is known of the references, and why the rest cannot be read. A damaged store raises no error here: a
+    report is most needed then.
     """
     try:
         history = read_history(config.alarm.folder)
@@ -164,8 +166,8 @@ def _history(config: Config) -> tuple[History | None, str]:
 
 
 def _lost(entries: Sequence[Entry], history: History | None, folder: Path) -> str:
-    """Says that the store lacks the reference that the log names last, as after its folder was removed; empty where it
-    does not. A report would say that none was in force.
+    """Returns a sentence where the store lacks the reference that the log names last, as after its folder was removed;
+    empty where it has it. Without this, a report would say that none was in force.
     """
     named = next((one for entry in reversed(entries) if (one := named_reference(entry)) is not None), None)
     held = set() if history is None else {(one.number, one.sha256) for one in history.entries}
@@ -192,7 +194,9 @@ def _check_key(key: Path) -> None:
 
 
 def _sign(file: Path, key: Path) -> bool:
-    """Signs the files. Raises ConfigurationError where the key cannot sign."""
+    """Signs the file, in place of an earlier signature, and returns True. Raises ConfigurationError where the key
+    cannot sign.
+    """
     file.with_name(f"{file.name}.sig").unlink(missing_ok=True)
     command = ["ssh-keygen", "-Y", "sign", "-f", str(key), "-n", _NAMESPACE, str(file)]
     try:

@@ -30,15 +30,15 @@ from probewatch.tools.shared.spoken import language_of
 from probewatch.tools.shared.terminal import progress_bar
 
 _STILL_S, _MOVING_S = 5.0, 12.0
-"""Poses of a probe at rest: 300 at 60 Hz. Pictures of a moving one: the overlay is learnt in a few seconds of motion.
-Longer tells more, and makes people skip it."""
+"""Seconds of measurement. At rest: 300 poses at 60 Hz. In motion: the overlay is learnt in a few seconds of motion.
+Longer would show more, but make people skip the test."""
 _FOLDER = "self-tests"
 _LAMPS_S = 5.0
-"""For which a lamp test lights everything (docs/control.md)."""
+"""Seconds for which a lamp test lights everything (docs/control.md)."""
 _UNSYNCHRONISED, _ERROR = 0x0040, 5
 """STA_UNSYNC and TIME_ERROR of adjtimex(2), <linux/timex.h>."""
 _TIMEX_BYTES, _TIMEX_STATUS = 208, 40
-"""Size of struct timex of 64-bit Linux, and where its field `status` lies."""
+"""Bytes: size of struct timex of 64-bit Linux, and offset of its field `status`."""
 
 
 @click.command(name="self-test")
@@ -109,7 +109,9 @@ def command(
 def _tested(
     control: Path, feed: Path, folder: Path, operator: str, lamps: str, yes: bool, baseline: bool, language: str
 ) -> tuple[list[Item], Item]:
-    """Runs the test; returns its items, with an item for a result that could not be stored."""
+    """Runs the test. Returns its items, with one more where the result could not be stored, and the item about storing
+    it.
+    """
     still, moving, trouble = _measure(feed, yes, language)
     with ControlClient(control) as client:
         seen = _lamps(client, lamps, language)
@@ -121,7 +123,7 @@ def _tested(
 
 
 def _measure(feed: Path, yes: bool, language: str) -> tuple[Measured, Measured, str]:
-    """Measures at rest and in motion; also returns why the feed sent nothing, empty where it did."""
+    """Returns the measurements at rest and in motion, and why the feed sent nothing, which is empty where it did."""
     try:
         _wait(told("Lay the probe down in view of the tracker, and leave it; then Enter", language), yes)
         with _progress(told("at rest", language)) as note:
@@ -171,7 +173,7 @@ def _judged(status: dict[str, Any], still: Measured, moving: Measured, trouble: 
 
 
 def _kept(folder: Path, found: list[Item], status: dict[str, Any], operator: str, baseline: bool) -> Item:
-    """Stores the result; returns whether that succeeded."""
+    """Stores the result. Returns an item that says whether that succeeded."""
     utc = datetime.now(UTC)
     record = {
         "format": "probewatch-self-test",

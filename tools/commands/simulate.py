@@ -1,4 +1,4 @@
-"""`probewatch simulate`: simulates devices at their own protocols; each is a file `tools/simulators/<name>.py`."""
+"""`probewatch simulate`: simulates devices with their own protocols; each is a file `tools/simulators/<name>.py`."""
 
 import click
 

@@ -15,11 +15,11 @@ from probewatch.tools.shared.named_cart import socket_option
 from probewatch.tools.shared.status_view import Status, StatusView, one_line
 
 _EVERY_S = 0.25
-"""Between two pictures of `--watch`: seen as motion; more often would only take time from the ticks."""
+"""Seconds between two pictures of `--watch`, which is seen as motion; less would only take time from the ticks."""
 _LINE_EVERY_S = 1.0
-"""Between two lines of `--watch` into a pipe: a reader's pace, and 20 ticks of the service."""
+"""Seconds between two lines of `--watch` into a pipe: the pace of a reader, and 20 ticks of the service."""
 _EXIT = {"OK": 0, "NOT_VERIFIED": 3, "FAULT": 1}
-"""By verdict; 2 is a wrong command line."""
+"""Exit code for each verdict; 2 is that of a wrong command line."""
 
 
 @click.command()

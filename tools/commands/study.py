@@ -57,7 +57,7 @@ Examples:
 Parts of a scene (--tissues), joined by +:
 """
 _PARTS = "\n".join(f"  {form:<22}{what}" for form, what in described())
-"""One line of the help for each part of a world."""
+"""Has one line of the help for each part of a world."""
 
 
 def _listed(_context: click.Context, _option: click.Parameter, text: str) -> tuple[str, ...]:
@@ -244,7 +244,7 @@ _SIMULATED_ALONE = (
 
 
 def _refuse_without_effect(recordings: tuple[str, ...], of_recordings: Mapping[str, object]) -> None:
-    """Refuses options of the other kind of study. Raises UsageError, RecordingError for a missing file."""
+    """Raises UsageError for options of the other kind of study, RecordingError for a missing file."""
     given = [f"--{name}" for name, value in of_recordings.items() if value is not None]
     if not recordings and given:
         raise click.UsageError(f"{given[0]} is of RECORDINGs; simulated sessions have their own")
@@ -256,7 +256,7 @@ def _refuse_without_effect(recordings: tuple[str, ...], of_recordings: Mapping[s
 
 
 def _refuse_late(plan: Sequence[Conditions]) -> None:
-    """Refuses a hazard that begins after its session: it would count as missed."""
+    """Raises UsageError for a hazard that begins after its session: it would count as missed."""
     for one in plan:
         onset_s, ends_s = one.hazard.onset_s, one.session.duration_s
         if isfinite(onset_s) and onset_s >= ends_s:
@@ -274,11 +274,11 @@ def _do(plan: Sequence[Conditions], table: StudyTable, folder: Path | None, jobs
 
 
 _Names = tuple[str | None, str | None, str | None]
-"""Probe, reference, orientation."""
+"""Holds the options --probe, --reference and --orientation, None where one was not given."""
 
 
 def _archive(recordings: tuple[str, ...], calibration: Path | None, names: _Names) -> list[ArchiveTask]:
-    """Returns a task for each recording; of a recorder, for each run."""
+    """Returns a task for each recording; the files of one run of a recorder are one recording."""
     content = None if calibration is None else calibration_bytes(calibration)
     stored = [urls for name in recordings if is_url(name) for urls in listed(name)]
     tasks = [_task(urls[0], calibration, names, urls=urls, content=content) for urls in stored]
@@ -321,7 +321,7 @@ def _study_recordings(archive: list[ArchiveTask], output: Path, jobs: int, sched
 
 
 def _refuse_other_calibration(archive: list[ArchiveTask], table: StudyTable) -> None:
-    """Refuses a table that has one of the recordings as another calibration had it judged: its row would be kept."""
+    """Raises ConfigurationError where a recording has a row judged by another calibration: the row would be kept."""
     by = {row["recording"]: row[CALIBRATION] for row in table.rows}
     for task in archive:
         kept = by.get(str(task.recording), task.judged_by)
@@ -331,7 +331,7 @@ def _refuse_other_calibration(archive: list[ArchiveTask], table: StudyTable) -> 
 
 
 def _refuse_changed(archive: list[ArchiveTask], table: StudyTable) -> None:
-    """Refuses a table with a row of other content, or of other names of tools: it would be kept."""
+    """Raises ConfigurationError where a recording has a row of other content or tool names: the row would be kept."""
     by = {row["recording"]: row for row in table.rows}
     for task in archive:
         kept = by.get(str(task.recording))

@@ -1,4 +1,4 @@
-"""What an option takes, for whoever gave it without a value."""
+"""Explains what an option takes to a person who gave it without a value."""
 
 from collections.abc import Sequence
 
@@ -6,8 +6,8 @@ import click
 
 
 def with_what_it_takes(error: click.BadOptionUsage, group: click.Group, words: Sequence[str]) -> click.BadOptionUsage:
-    """The same error, with the words or the help of the option. `words`: those of the command line, from the group's
-    first on; click itself does not say of which command the option is.
+    """Returns the same error, with the choices or the help of the option. `words`: those of the command line, from the
+    group's first on, because click itself does not say to which command the option belongs.
     """
     option = _option(group, words, error.option_name)
     if option is None or option.is_flag:

@@ -1,4 +1,4 @@
-"""Options for days and times."""
+"""Provides the types of options that take a day or a time."""
 
 from datetime import datetime
 from typing import Any
@@ -7,18 +7,18 @@ import click
 
 
 class _DateOption(click.DateTime):
-    """A date option whose error messages and help are in plain words, not in format codes as click's are."""
+    """Represents a date option whose error messages and help are in plain words, not in format codes as click's are."""
 
     def __init__(self, formats: list[str], form: str, what: str) -> None:
         super().__init__(formats)
         self._form, self._what = form, what
 
     def get_metavar(self, param: click.Parameter, ctx: click.Context | None = None) -> str:
-        """Returns how it is written."""
+        """Returns the form in which the date is written."""
         return self._form
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> datetime:
-        """Raises click.BadParameter."""
+        """Returns the day or time that was typed. Raises click.BadParameter for anything else."""
         try:
             moment: datetime = super().convert(value, param, ctx)
         except click.BadParameter:

@@ -1,4 +1,4 @@
-"""The host name by which a client addresses a server. A page of another site can reach the server only under a
+"""Reads the host name by which a client addresses a server. A page of another site can reach the server only under a
 different name.
 """
 
@@ -17,7 +17,7 @@ def called(header: str) -> str:
 
 
 def is_address(name: str) -> bool:
-    """Whether it is a numeric address, which no name service can redirect."""
+    """Returns whether the name is a numeric address, which no name service can redirect."""
     try:
         ipaddress.ip_address(name)
     except ValueError:

@@ -13,10 +13,11 @@ from probewatch.drivers.errors import ConfigurationError
 
 Value = str | bool | None
 Answers = Mapping[Place, Value]
-"""Place of a key → what it is to say; None leaves the key out. An entry beyond the last of an array is a new one."""
+"""Maps the place of a key to its new value; None leaves the key out. An index beyond the last entry of an array adds a
+new entry."""
 
 _TEMPLATE = Path(__file__).with_name("probewatch.toml")
-"""In the source tree a link to config/probewatch.toml; what is installed has its content."""
+"""In the source tree this is a link to config/probewatch.toml; an installed package has its content."""
 _HEADER = re.compile(r"\s*\[")
 
 
@@ -26,8 +27,8 @@ def template() -> str:
 
 
 def changed(text: str, answers: Answers, file: Path) -> str:
-    """Returns the text with these answers. Raises ConfigurationError where the result would not state them, as for a
-    value over several lines; `file` is named in that error.
+    """Returns the text with these answers. Raises ConfigurationError where the result would not state them, as where
+    the old value spans several lines; `file` is named in that error.
     """
     lines = text.splitlines()
     for place, value in answers.items():
@@ -51,7 +52,7 @@ def _expected(text: str, answers: Answers) -> dict[str, Any]:
 
 
 def _filled(table: dict[str, Any]) -> dict[str, Any]:
-    """Returns the table without empty tables in it."""
+    """Returns the table without the empty tables in it."""
     below = {name: _filled(value) if isinstance(value, dict) else value for name, value in table.items()}
     return {name: value for name, value in below.items() if value != {}}
 
@@ -87,7 +88,7 @@ def _add(lines: list[str], section: Place, name: str, value: str | bool, known: 
         _open_section(lines, section, known)
         known = key_lines("\n".join(lines))
     first = known.get(section) if section else 0
-    if first is None:  # what stands around it hides it: the text is refused as a whole
+    if first is None:  # the text around the header hides it, so `changed` refuses the text as a whole
         return
     end = _next_header(lines, first)
     shown = re.compile(rf"#\s*{re.escape(name)}\s*=")

@@ -16,17 +16,20 @@ from probewatch.tools.shared.left_out import tell_left_out
 
 _FRAME_NS = 50_000_000
 _POSES_PER_FRAME = 3
-"""20 pictures a second, which are drawn in less time than 30, and the 60 poses a second of a Polaris Spectra."""
+"""The simulation has 20 pictures a second, which are drawn in less time than 30, and the 60 poses a second of a Polaris
+Spectra."""
 _ERR_NS = 100_000
-"""Of every stamp: as good as a simulated device allows, so that no doubt about time is mistaken for one about ζ."""
+"""ns, error bound of every stamp: as small as a simulated device allows, so that an uncertainty of time is not mistaken
+for one of ζ."""
 _SPOILED_MM = 4.0
-"""The shipped limit of an offset: as much as the service lets pass, plainly more than a scan's sigma of .5 mm."""
+"""mm, the shipped limit of an offset: the largest error that the service lets pass, and clearly more than the .5 mm
+sigma of a scan."""
 
 
 @dataclass(frozen=True, slots=True)
 class ScanInput:
-    """The samples, in time order, `total` of them. `size_px` is (width, height) of the pictures, `name` is written to
-    the provenance, `file` is None for a simulation.
+    """Holds the `total` samples of a scan, in time order. `size_px` is (width, height) of the pictures, `name` is
+    written to the provenance, `file` is None for a simulation.
     """
 
     samples: Iterator[Sample]
@@ -37,8 +40,8 @@ class ScanInput:
 
 
 def simulated(seed: int, duration_s: float, program: str = "freehand") -> ScanInput:
-    """Simulates a hand that tilts the probe over a cross-wire in water, faster than real time. The program "guided"
-    lets the crossing appear all over the picture.
+    """Simulates a hand that tilts the probe over a cross-wire in water, faster than real time. With the program
+    "guided" the crossing appears in all parts of the picture.
     """
     world = World(seed, program, "cross-wire")
     frames = round(duration_s * 1e9 / _FRAME_NS)

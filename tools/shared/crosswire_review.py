@@ -1,4 +1,4 @@
-"""Tables of a cross-wire scan's results, for the person who accepts them."""
+"""Makes tables of a cross-wire scan's results, for the person who accepts them."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -14,17 +14,17 @@ from probewatch.tools.german.translation import recognised, told
 from probewatch.tools.shared.tables import FittingTable
 
 _UNITS = ("°",) * 3 + ("%",) * 2 + ("mm",) * 3
-"""Of PARAMETERS, as people read them."""
+"""Units of PARAMETERS, as people read them."""
 _AGREES_SIGMAS = 3.0
-"""Beyond which two calibrations disagree: of eight parameters, one in 50 honest scans has one there. Fewer accuse
-good scans; more pass those that are wrong."""
+"""Difference in combined standard deviations beyond which two calibrations disagree: one in 50 good scans has one of
+its eight parameters there. Fewer accuse good scans; more accept wrong ones."""
 _WORST = 8
-"""Views shown where not all are asked for: what a person would strike out is among them."""
+"""Number of views shown where not all are requested: those that a person would strike out are among them."""
 
 
 def difference_in_sigmas(new: Calibration, other: Calibration) -> tuple[Vector, Vector]:
-    """Returns (8,) other minus new in the units of PARAMETERS, and the same divided by the combined sigmas; NaN where
-    neither has any.
+    """Returns the (8,) differences other minus new in the units of PARAMETERS, and the same divided by the combined
+    sigmas; NaN where neither calibration has sigmas.
     """
     change = np.concatenate(
         [
@@ -41,7 +41,8 @@ def difference_in_sigmas(new: Calibration, other: Calibration) -> tuple[Vector, 
 
 def compared(whole: WholeSolution, apart: Mapping[str, tuple[Vector, Vector]]) -> list[dict[str, Any]]:
     """Returns name, value, sigma and unit of the eight parameters, and how far each other calibration is from the new
-    one, in the unit and in sigmas; None where that is not known. `apart` is as in difference_in_sigmas.
+    one, in the unit and in sigmas; None where that is not known. `apart` maps the name of each other calibration to its
+    result of `difference_in_sigmas`.
     """
     new = whole.calibration
     values = [*vector_from_rotation(new.rotation) * np.degrees(1.0), *new.scale_mm_per_px, *new.offset_mm]
@@ -71,7 +72,7 @@ def parameter_table(whole: WholeSolution, others: Mapping[str, Calibration]) -> 
 
 
 def disagreements(whole: WholeSolution, others: Mapping[str, Calibration]) -> list[str]:
-    """Returns a sentence for each other calibration that differs by more than the sigmas allow, with the parameters
+    """Returns a sentence for each other calibration that differs by more than the sigmas allow. It names the parameters
     that do.
     """
     found = []

@@ -1,5 +1,5 @@
-"""Solves all eight parameters from a scan, prints them and checks them at another point; refuses a scan with every
-reason.
+"""Solves all eight parameters from a scan, prints them and checks them at another point. A refusal states every reason
+for which the scan cannot be used.
 """
 
 from collections.abc import Callable
@@ -23,12 +23,13 @@ from probewatch.tools.shared.digest import file_sha256
 from probewatch.tools.shared.sign_off import SignOff, whole_record
 
 _STATED_LATENCY_S = 0.005
-"""Standard deviation of a latency that the user states: as `probewatch latency` finds it. Not varied."""
+"""s, standard deviation of a latency that the user states: that with which `probewatch latency` finds it. Not
+varied."""
 
 
 @dataclass(frozen=True, slots=True)
 class WholeOptions:
-    """The options of --solve all. `latency_ms` is None where the user stated none."""
+    """Holds the options of --solve all. `latency_ms` is None where the user stated none."""
 
     strike: tuple[int, ...] = ()
     review: bool = False
@@ -57,7 +58,9 @@ class WholeOptions:
 
 
 def sound(water_c: float | None, scanner_m_s: float, corrected: bool) -> None:
-    """Prints the effect of the water on depths. Raises ScanRefused where it is too large and not corrected."""
+    """Prints how the speed of sound in the water affects depths. Raises ScanRefused where the effect is too large and
+    not corrected.
+    """
     if water_c is None:
         return
     water_m_s = speed_of_sound_m_s(water_c)
@@ -83,7 +86,9 @@ def solve_all(
     sigma_mm: float,
     reading: Callable[[Path], ScanInput],
 ) -> tuple[Calibration, dict[str, str]]:
-    """Returns the calibration and its record. `reading` opens the recording of the check. Raises ScanRefused."""
+    """Returns the calibration and its record. `reading` opens the recording for the check at another point. Raises
+    ScanRefused.
+    """
     state, running = _solved(scan, scan_input, before, options, sigma_mm)
     _say(scan, state, running, before, options)
     if state.refusals or state.whole is None:
@@ -164,7 +169,9 @@ def _say(
 
 
 def _checked(found: Calibration, other: ScanInput, options: WholeOptions, latency_s: float) -> str:
-    """Raises ScanRefused where the views of the other crossing do not meet in one place, or not at its stated place."""
+    """Returns the result of the check at another crossing, in words. Raises ScanRefused where the views of that
+    crossing do not meet in one place, or not at its stated place.
+    """
     scan = CrosswireScan((options.latency_ms or 0.0) + 1000 * latency_s)
     for sample in other.samples:
         scan.step(sample)

@@ -1,4 +1,6 @@
-"""Asks which device is to be used: its URL, from a list of what is connected or typed, and the files that it needs."""
+"""Asks which device is to be used: its URL, chosen from a list of connected devices or typed, and the files that it
+needs.
+"""
 
 import sys
 from collections.abc import Callable, Iterator
@@ -23,8 +25,8 @@ _WORDS = {
 
 
 class Respondent:
-    """The person who answers. `is_there` is False without a terminal. `sees_less` is True where the service can read
-    fewer files than the person. `language`: of the questions.
+    """Represents the person who answers. `is_there` is False without a terminal. `sees_less` is True where the service
+    can read fewer files than the person. `language`: that of the questions.
     """
 
     def __init__(self, sees_less: bool = False, language: str = "en") -> None:
@@ -36,7 +38,7 @@ class Respondent:
         return told(text, self.language, **fields)
 
     def ask(self, question: str, default: str, option: str) -> str:
-        """Asks. Raises ConfigurationError without a terminal."""
+        """Asks the question and returns the answer. Raises ConfigurationError without a terminal."""
         if not self.is_there:
             raise self._nobody(question, option)
         return str(click.prompt(question, default=default or None, show_default=bool(default))).strip()
@@ -46,7 +48,7 @@ class Respondent:
         return unseen(file) if self.sees_less else ""
 
     def agrees(self, question: str, default: bool, option: str) -> bool:
-        """Asks for confirmation. Raises ConfigurationError without a terminal."""
+        """Asks for confirmation, and returns whether it was given. Raises ConfigurationError without a terminal."""
         if not self.is_there:
             raise self._nobody(question, option)
         return confirmed(question, self.language, default)
@@ -58,9 +60,9 @@ class Respondent:
 
 @dataclass(frozen=True, slots=True)
 class DeviceQuestion:
-    """The question for one device. `given` is its URL from the option. `before` is the URL in the file; the service
-    may hold that device, so it is not tested. `try_it` tests a (URL, kind) and raises ProbewatchError where it fails;
-    None skips the test.
+    """Represents the question for one device. `given` is its URL from the option. `before` is the URL in the file; the
+    service may hold that device, so it is not tested. `try_it` tests a (URL, kind) and raises ProbewatchError where it
+    fails; None skips the test.
     """
 
     kind: str
@@ -70,11 +72,11 @@ class DeviceQuestion:
 
     @property
     def option(self) -> str:
-        """The option that answers instead of the question."""
+        """Returns the option that makes the question unnecessary."""
         return f"--{'contact' if self.kind == 'output' else self.kind} URL"
 
     def check_given(self) -> None:
-        """Raises ConfigurationError for the URL of an option that is invalid: a slip is told before any device is
+        """Raises ConfigurationError for an option whose URL is invalid, so that a slip is reported before any device is
         tested.
         """
         if self.given is not None:
@@ -83,7 +85,7 @@ class DeviceQuestion:
     def url(self, person: Respondent, look: Callable[[], Iterator[tuple[str, str]]]) -> str:
         """Returns the URL, from the option or the answer. `look` lists (URL, title) of connected devices.
 
-        Raises ProbewatchError for the URL of an option that is invalid or fails its test.
+        Raises ProbewatchError for an option whose URL is invalid or fails its test.
         """
         if self.given is not None:
             self._check(self.given)
@@ -97,7 +99,7 @@ class DeviceQuestion:
             click.echo(f"\n{person.tell('{which}: a number, or a URL such as {examples}', which=which, examples=such)}")
         for number, (url, title) in enumerate(found, 1):
             click.echo(f"  {number}  {url}  {title}")
-        # The contact is not tried, so nobody comes to it by Enter alone.
+        # The contact is not tested, so Enter alone must not choose it.
         default = self.before or ("1" if found and self.kind != "output" else "")
         while True:
             said = person.ask(person.tell(_WORDS[self.kind]), default, self.option)
@@ -124,9 +126,9 @@ class DeviceQuestion:
         return url
 
     def with_files(self, url: str, person: Respondent) -> str:
-        """Adds the files that the driver needs and the URL does not name yet; an NDI tracker, for example, sees
-        wireless markers only with the tool definition of their body. The second file is asked for only where there is a
-        first. Raises ConfigurationError.
+        """Returns the URL with the files that the driver needs and the URL does not name yet; an NDI tracker, for
+        example, sees wireless markers only with the tool definition of their body. The second file is asked for only
+        where there is a first. Raises ConfigurationError.
         """
         scheme, _, given = split_url(url, self.kind)
         for row in () if given else drivers()[scheme].options:
@@ -138,7 +140,9 @@ class DeviceQuestion:
         return url
 
     def _with_file(self, url: str, row: Option, person: Respondent) -> str:
-        """Asks for the file until the driver can read it; the answer `without` returns the URL unchanged."""
+        """Returns the URL with a file, which is asked for until the driver can read it; the answer `row.without`
+        returns the URL unchanged.
+        """
         question, or_without = recognised(row.question, person.language), "! {error}, or '{without}'"
         while (typed := person.ask(question, row.without, self.option)) != row.without:
             file = whole_path(typed)

@@ -1,4 +1,4 @@
-"""The SHA-256 and the state of files, by which a report or a table knows a recording again."""
+"""Computes the SHA-256 and the state of files, by which a report or a table recognises a recording."""
 
 import hashlib
 from collections.abc import Iterable
@@ -10,12 +10,12 @@ from probewatch.drivers.errors import RecordingError
 from probewatch.drivers.files.regular_file import reading
 
 HEADERS = (".mha", ".mhd", ".nrrd", ".nhdr")
-"""Endings of recordings whose pictures may lie in a file of their own beside them."""
+"""Suffixes of recordings whose pictures may lie in a separate file beside them."""
 _NAMES_DATA = (b"ElementDataFile", b"data file", b"datafile")
 _OWN = ("", ".", "..", "LOCAL")
 _NO_NAME = ("/", "\\", "\0", "%")
 _COPY_BYTES = 1 << 20
-"""Read at once: more is no faster. Not measured."""
+"""Bytes read at once: more is no faster. Not measured."""
 
 
 def file_sha256(path: Path) -> str:
@@ -24,7 +24,9 @@ def file_sha256(path: Path) -> str:
 
 
 def files_sha256(paths: Iterable[Path]) -> str:
-    """Returns the SHA-256 of the files one behind the other, as of `cat`, in hexadecimal. Raises RecordingError."""
+    """Returns the SHA-256 of the files joined in order, as `cat` would join them, in hexadecimal. Raises
+    RecordingError.
+    """
     digest = hashlib.sha256()
     for path in paths:
         try:
@@ -37,7 +39,7 @@ def files_sha256(paths: Iterable[Path]) -> str:
 
 
 def files_state(paths: Iterable[Path]) -> str:
-    """Returns how many bytes the files have, and when the last of them was written. Raises RecordingError."""
+    """Returns, as text, how many bytes the files have and when the last of them was written. Raises RecordingError."""
     size, last_ns = 0, 0
     for path in paths:
         try:
@@ -50,7 +52,7 @@ def files_state(paths: Iterable[Path]) -> str:
 
 
 def with_pictures(path: Path) -> tuple[Path, ...]:
-    """Returns the file, and the file beside it that has its pictures, for a header that names one."""
+    """Returns the file and, for a header that names one, the file beside it that has its pictures."""
     if path.suffix.lower() not in HEADERS:
         return (path,)
     try:
@@ -64,7 +66,7 @@ def with_pictures(path: Path) -> tuple[Path, ...]:
 
 def pictures_named(stream: Iterable[bytes]) -> str | None:
     """Returns the name of the file beside a header that has its pictures; None where they are in the header's own file,
-    or where the reader of recordings takes no such name. Raises ValueError for a name that is no text.
+    or where the reader of recordings accepts no such name. Raises ValueError for a name that is not text.
     """
     lines = iter(stream)
     first = next(lines, b"")

@@ -1,4 +1,4 @@
-"""Help texts made from the drivers' descriptors (drivers/descriptor.py)."""
+"""Makes help texts from the drivers' descriptors (drivers/descriptor.py)."""
 
 import textwrap
 from collections.abc import Iterable, Iterator, Sequence
@@ -7,13 +7,13 @@ from probewatch.drivers.descriptor import Driver, Target
 from probewatch.drivers.registry import drivers
 
 _WIDTH = 76
-"""Characters of a line of help, with its margin the 78 that click writes at most. More is wrapped twice."""
+"""Characters in a line of help: with its margin, the 78 that click writes at most. More would be wrapped twice."""
 _URL = 32
-"""Characters that URLs take in a list: longer ones push what follows to the right."""
+"""Width in characters of the URLs in a list: a longer URL pushes the text after it to the right."""
 
 
 def real_drivers(kind: str = "") -> list[Driver]:
-    """Returns the drivers of devices, without simulations and recordings; of one kind if it is given."""
+    """Returns the drivers of devices, without simulations and recordings; only those of `kind` where one is given."""
     return [one for one in drivers().values() if not one.is_simulated and kind in ("", *one.kinds)]
 
 
@@ -31,12 +31,12 @@ def any_url() -> str:
 
 
 def listed(words: Sequence[str]) -> str:
-    """Joins items as in: a, b or c."""
+    """Returns the items joined as in: a, b or c."""
     return " or ".join(part for part in (", ".join(words[:-1]), words[-1]) if part)
 
 
 def schemes_and_options() -> Iterator[str]:
-    """Returns lines of help: the URL of each driver, its purpose, and its options."""
+    """Yields lines of help: the URL of each driver, its purpose, and its options."""
     for driver in drivers().values():
         example = next(iter(driver.examples.values()))
         yield f"  {example if driver.required else example.partition('?')[0]:{_URL}}{driver.device}"
@@ -45,7 +45,7 @@ def schemes_and_options() -> Iterator[str]:
 
 
 def before_paths(targets: Iterable[Target]) -> Iterator[str]:
-    """Returns lines of help: the schemes for the path of each kind of connected device."""
+    """Yields lines of help: the schemes for the path of each kind of connected device."""
     for target in targets:
         found = [one for one in real_drivers() if target in one.targets]
         schemes = [f"{one.scheme}:{''.join(f' with ?{name}= after it' for name in one.required)}" for one in found]

@@ -12,7 +12,7 @@ from probewatch.appliance.types import PARAMETERS, Calibration
 from probewatch.drivers.errors import RecordingError
 
 _NEEDED = PARAMETERS[:5]
-"""Rotations and scales: the offset follows from a cross-wire scan with `recalibrate --solve offset`."""
+"""These are the rotations and scales: the offset follows from a cross-wire scan with `recalibrate --solve offset`."""
 
 
 def write_estimate(path: Path, estimate: Calibration | None, nominal: Calibration, recording: Path) -> None:

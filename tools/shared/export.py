@@ -25,24 +25,27 @@ from probewatch.drivers.samples import Frame, GreyImage, Matrix4, Pose
 FORMS = (".igs.mha", ".igs.nrrd", "csv", "mp4")
 _NAME, _WITNESS = "ProbeToTracker", "WitnessToTracker"
 _FPS = 30.0
-"""Of a film whose pictures say no other."""
+"""Frames per second of a film whose pictures do not determine a rate."""
 _SLOWEST_FPS, _FASTEST_FPS = 1.0, 120.0
-"""Of a film that players show; pictures come at their mean rate, not each at its own time."""
+"""Bounds, frames per second, of a film that players can show; pictures come at their mean rate, not each at its own
+time."""
 _COLOURS = {VerdictKind.OK: (90, 200, 90), VerdictKind.FAULT: (80, 80, 255), VerdictKind.NOT_VERIFIED: (220, 200, 90)}
-"""Of a film, blue, green, red: the alarm's."""
+"""Colours of a film (blue, green, red): those of the alarm."""
 _BAND_PX = 24
-"""Under the picture, for what was said: a line of letters."""
+"""Pixels below the picture for one line of text: state and verdict."""
 
 
 class Written(NamedTuple):
-    """number: of pictures, or poses of a table. left_out: pictures of another size than the first."""
+    """Counts what was written. number: pictures, or the poses of a table. left_out: pictures whose size differs from
+    that of the first.
+    """
 
     number: int
     left_out: int = 0
 
 
 def export(series: Series, form: str, path: Path) -> Written:
-    """Raises RecordingError where there are none,
+    """Writes the series in one of FORMS. Raises RecordingError where it has no pictures (for a table: no poses),
     ConfigurationError where the file cannot be written.
     """
     write = {".igs.mha": _sequence, ".igs.nrrd": _sequence, "csv": _table, "mp4": _film}[form]
@@ -55,7 +58,8 @@ def export(series: Series, form: str, path: Path) -> Written:
 
 def items(series: Series) -> Iterator[SequenceItem]:
     """Yields each picture with the probe's pose interpolated at its time; INVALID where there is none. If a second body
-    was ever seen, its pose is added in the same way. Stamps are those of the recording: CLOCK_MONOTONIC of the cart.
+    was ever seen, its pose is added in the same way. The stamps are those of the recording: CLOCK_MONOTONIC of the
+    cart.
     """
     poses, seconds = _poses(series), _poses(series, second=True)
     tracks = {_NAME: poses} | ({_WITNESS: seconds} if seconds else {})
@@ -77,7 +81,7 @@ def _sequence(series: Series, path: Path) -> Written:
 
 
 class _Counted:
-    """Counts items. A sequence has one picture size, so pictures of other sizes are left out."""
+    """Iterates over items and counts them. A sequence has one picture size, so pictures of other sizes are left out."""
 
     def __init__(self, found: Iterable[SequenceItem], size_px: tuple[int, int]) -> None:
         self._found, self._shape, self.number = found, size_px[::-1], 0
@@ -185,7 +189,7 @@ def _fps(series: Series) -> float:
 
 
 def _poses(series: Series, second: bool = False) -> list[tuple[int, Matrix4]]:
-    """Returns the poses in time order; None stands for no pose. `second` selects the second body on the probe."""
+    """Returns (ns, pose) of all valid poses in time order. `second` selects the second body on the probe."""
     told = (item for item, _ in series.items() if isinstance(item, Pose))
     found = [(pose.stamp.t_ns, pose.witness if second else pose.matrix) for pose in told]
     return sorted(((t_ns, matrix) for t_ns, matrix in found if matrix is not None), key=lambda pose: pose[0])

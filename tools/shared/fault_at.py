@@ -1,4 +1,4 @@
-"""FAULT@SECONDS, as a command is given it."""
+"""Parses FAULT@SECONDS, the form in which a command takes a fault."""
 
 import math
 
@@ -9,7 +9,7 @@ from probewatch.drivers.twins.faults import CART_FAULTS, refuse_unknown_fault
 
 
 def fault_at(text: str) -> tuple[str, float | None]:
-    """Returns the fault of a simulated cart and its time, s: None where there is none, NaN for what is no number.
+    """Returns the fault of a simulated cart and its time, s: None where none is given, NaN where it is not a number.
 
     Raises BadParameter for an unknown fault.
     """

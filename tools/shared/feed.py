@@ -1,4 +1,4 @@
-"""The reading end of the service's feed: its messages as what they were when the line took and said them."""
+"""Reads the service's feed, and turns its messages back into what the line took in and reported."""
 
 import contextlib
 import math
@@ -16,19 +16,19 @@ from probewatch.drivers.closable import Closable
 from probewatch.drivers.errors import DeviceLost, ProbewatchError
 
 _ANSWER_S = 5.0
-"""For the service to answer a new client: the process that fans out may have to be started first, in .3 s on a free
-computer. Longer hides one that hangs."""
+"""Seconds for the service to answer a new client: it may first have to start the process that distributes the feed,
+which takes .3 s on an idle computer. Longer hides a service that hangs."""
 _READ_BYTES = 1 << 16
-"""Asked of the kernel at once; a picture of 640 × 480 takes five. Not measured."""
+"""Bytes read from the kernel at once; a picture of 640 × 480 takes five reads. Not measured."""
 
 _Read = TypeVar("_Read")
 
 
 class Feed(Closable):
-    """Connected from construction on; close it, or leave the context.
+    """Represents a connection to the feed, which is open from construction on; close it, or leave the context.
 
-    path: of the feed's socket. software: version of the service. Raises DeviceLost where nothing answers or the client
-    is refused, ProtocolError where something else does.
+    path: that of the feed's socket. software: version of the service. Raises DeviceLost where nothing answers or the
+    client is refused, ProtocolError where something other than the feed answers.
     """
 
     def __init__(self, path: Path, request: FeedRequest | None = None) -> None:
@@ -48,33 +48,34 @@ class Feed(Closable):
         self.software = first.software
 
     def close(self) -> None:
-        """A thread that waits in `next` hears of it as DeviceLost."""
+        """Closes the connection. `next` raises DeviceLost in a thread that is waiting there."""
         with contextlib.suppress(OSError):
             self._link.shutdown(socket.SHUT_RDWR)
         self._link.close()
 
     def fileno(self) -> int:
-        """Descriptor for poll."""
+        """Returns the descriptor for poll."""
         return self._link.fileno()
 
     def __iter__(self) -> Iterator[FeedMessage]:
-        """Messages until the service ends the feed, which raises DeviceLost."""
+        """Yields messages until the service ends the feed, which raises DeviceLost."""
         while True:
             yield self.wait()
 
     def wait(self) -> FeedMessage:
-        """The next message, however long it takes. Raises DeviceLost, ProtocolError."""
+        """Returns the next message, however long it takes. Raises DeviceLost, ProtocolError."""
         message = self.next(None)
         assert message is not None
         return message
 
     def next(self, timeout_s: float | None) -> FeedMessage | None:
-        """The next message, None where none was whole in time. Raises DeviceLost, ProtocolError."""
+        """Returns the next message, None where none was complete in time. Raises DeviceLost, ProtocolError."""
         return self._in_time(self._one, timeout_s)
 
     def next_raw(self, timeout_s: float | None) -> tuple[bytes, bytes] | None:
-        """(header, pixels) of the next message, as they came; None where none was whole in time. To be written down,
-        and read by `unpacked` later. Raises DeviceLost, ProtocolError."""
+        """Returns (header, pixels) of the next message, as received, to be stored and decoded by `unpacked` later; None
+        where none was complete in time. Raises DeviceLost, ProtocolError.
+        """
         return self._in_time(self._whole, timeout_s)
 
     def _in_time(self, read: Callable[[float], _Read], timeout_s: float | None) -> _Read | None:
@@ -92,8 +93,8 @@ class Feed(Closable):
         return message
 
     def _whole(self, end_s: float) -> tuple[bytes, bytes]:
-        """Receives a whole message. end_s: by time.monotonic. Raises OSError, TimeoutError among them, after which it
-        may be called again.
+        """Receives a whole message, and returns its header and pixels. end_s: deadline by time.monotonic. Raises
+        OSError; after a TimeoutError it may be called again.
         """
         self._need(HEAD_BYTES, end_s)
         header, pixels = lengths(bytes(self._received[:HEAD_BYTES]))

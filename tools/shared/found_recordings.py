@@ -11,16 +11,17 @@ from probewatch.drivers.files.regular_file import reading
 from probewatch.drivers.recordings.mcap_file import MAGIC
 
 SUFFIXES = (".mha", ".mhd", ".nrrd", ".nhdr", ".mcap")
-"""What is taken out of a folder; films and tables belong together by their names alone, so they are named."""
+"""Suffixes of the files that are used in a folder. Films and tables belong together only by their names, so they must
+be named themselves."""
 
 BOXES = (".mcap",)
-"""What is taken out of a folder where black boxes alone can be used."""
+"""Suffixes of the files that are used in a folder where only black boxes can be used."""
 
 
 def found(paths: Sequence[Path], suffixes: Sequence[str] = SUFFIXES) -> tuple[list[Path | Series], list[str]]:
     """Returns the recordings in the order in which they were named, and messages about files in folders that cannot be
-    read; the files of one run of a recorder are one recording. Raises ConfigurationError for a folder without
-    recordings, RecordingError for a named file that cannot be read. suffixes: of what is taken out of a folder.
+    read; the files of one run of a recorder are one recording. suffixes: those of the files that are used in a folder.
+    Raises ConfigurationError for a folder without recordings, RecordingError for a named file that cannot be read.
     """
     sequences: list[Path | Series] = []
     boxes: list[BlackBox] = []
@@ -41,7 +42,7 @@ def found(paths: Sequence[Path], suffixes: Sequence[str] = SUFFIXES) -> tuple[li
 
 
 def _files(folder: Path, suffixes: Sequence[str], refused: list[str]) -> list[Path]:
-    """Returns the recordings in the folder; adds those folders in it that cannot be looked into to `refused`."""
+    """Returns the recordings in the folder. Adds a message to `refused` for each folder in it that cannot be listed."""
     unread: list[OSError] = []
     there = (Path(at, name) for at, _, names in os.walk(folder, onerror=unread.append) for name in names)
     files = sorted(path for path in there if path.suffix.lower() in suffixes)
@@ -59,14 +60,16 @@ def _files(folder: Path, suffixes: Sequence[str], refused: list[str]) -> list[Pa
 
 
 def _named_box(path: Path) -> bool:
-    """Whether the file has the suffix of a black box, whatever is in it: an empty one cannot be recognised by its first
-    bytes.
+    """Returns whether the file has the suffix of a black box, whatever it holds: an empty one cannot be recognised by
+    its first bytes.
     """
     return path.suffix.lower() == ".mcap" and path.is_file() and os.access(path, os.R_OK)
 
 
 def is_there(path: Path) -> bool:
-    """Whether something has this name. Raises RecordingError where this user may not look, or not read it."""
+    """Returns whether a file or folder has this name. Raises RecordingError where this user may not look for it, or may
+    not read it.
+    """
     try:
         if not path.exists():
             return False
@@ -80,9 +83,9 @@ def is_there(path: Path) -> bool:
 
 
 def is_box(path: Path) -> bool:
-    """Whether the file begins as a black box does."""
+    """Returns whether the file begins as a black box does."""
     try:
         with reading(path) as stream:
             return stream.read(len(MAGIC)) == MAGIC
     except OSError:
-        return False  # whoever opens it says why
+        return False  # the code that opens it reports why

@@ -1,4 +1,4 @@
-"""A moving drawing of each gesture, for the page, docs/gesture.md and the terminal's link."""
+"""Finds the animated drawing of each gesture, for the page, docs/gesture.md and the terminal's link."""
 
 from pathlib import Path
 
@@ -9,10 +9,10 @@ DRAWINGS = Path(__file__).with_name("drawings")
 
 
 def drawing(gesture: Gesture) -> Path:
-    """An SVG that moves by itself, and stands still for who has asked for less motion."""
+    """Returns an animated SVG, which does not move for a person who has set reduced motion."""
     return DRAWINGS / f"gesture-{gesture.name.lower()}.svg"
 
 
 def drawn(text: str, language: str) -> Path | None:
-    """The drawing of a gesture as the status names it; None for one that this version does not know."""
+    """Returns the drawing of a gesture as the status names it; None for one that this version does not know."""
     return next((drawing(one) for one in Gesture if translated(one.value, language) == text), None)

@@ -23,9 +23,9 @@ from probewatch.tools.shared.rerun import Rerun
 
 Watched = Callable[[Iterable[Sample]], Iterator[Sample]]
 _LASTING_NS = 1_000_000_000
-"""For which a FAULT must last to be one: the supervisor halts after it."""
+"""ns for which a FAULT must last to count as one: the supervisor halts after that time."""
 _ONE_LOOK_NS = 1_000_000_000
-"""Most that one verdict counts as time: a gap in the recording is no scanning. Not measured."""
+"""ns that one verdict counts as scanning time at most: a gap in the recording is not scanning. Not measured."""
 _NOT_HEALTHY = "Leave it out, or find out what was wrong; only healthy scanning teaches the noise"
 
 
@@ -33,14 +33,14 @@ _HALTED = (State.HALT.value, State.RECALIBRATION_REQUESTED.value)
 
 
 def _is_wrong(fault: object) -> bool:
-    """Whether the name is of a fault of the calibration, or of metal that looks like one."""
+    """Returns whether the name is that of a fault of the calibration, or of metal that looks like one."""
     known = next((one for one in Fault if one == fault), None)
     return known is not None and (known.kind is Kind.CALIBRATION or known is Fault.FIELD_DISTORTION)
 
 
 @dataclass(frozen=True, slots=True)
 class Named:
-    """The tools and the orientation of sequences, where the files do not state them; as open_recording takes them."""
+    """Names the tools and the orientation of sequences whose files do not state them, as open_recording takes them."""
 
     probe: str | None = None
     reference: str | None = None
@@ -48,8 +48,9 @@ class Named:
 
 
 class Heard:
-    """peaks: block → largest log likelihood ratio, of every block in which there was something to test. tested_ns: for
-    how long there was. Raises RecordingError where the scanning was not healthy, or is not what the model describes.
+    """Collects the peaks of the sequential test in one recording. peaks: block → largest log likelihood ratio, of every
+    block in which there was something to test. tested_ns: for how long there was. Raises RecordingError where the
+    scanning was not healthy, or is not what the model describes.
     """
 
     def __init__(self, path: Path) -> None:
@@ -60,7 +61,9 @@ class Heard:
         self._faulty: tuple[Fault, int] | None = None
 
     def take(self, verdicts: tuple[Verdict, ...], nats: float | None) -> None:
-        """What the line said to the next sample."""
+        """Takes the line's verdicts on the next sample, and its log likelihood ratio, nats; None where nothing was
+        tested.
+        """
         for verdict in verdicts:
             self._refuse_faults(verdict)
             since_ns = 0 if self._last_ns is None else verdict.t_ns - self._last_ns
@@ -74,8 +77,9 @@ class Heard:
             raise RecordingError(f"is not healthy scanning: {what}", str(self._path), _NOT_HEALTHY)
 
     def refuse_halt(self, status: Mapping[str, Any]) -> None:
-        """status: of the service when the box was recorded. Raises RecordingError where the calibration had halted it:
-        a fault that the file holds in part, as the recorder was too slow for the rest, lasts no second of it.
+        """Raises RecordingError where a fault of the calibration had halted the service. status: that of the service
+        when the box was recorded. Verdicts alone would miss a fault that the file holds only in part, because the
+        recorder was too slow for the rest: it lasts less than a second there.
         """
         if status.get("state") not in _HALTED or not _is_wrong(status.get("fault")):
             return
@@ -97,8 +101,8 @@ class Heard:
 def heard_in_sequence(
     path: Path, calibration: Path, limits: Limits, stale_ns: int, watched: Watched, named: Named
 ) -> tuple[Heard, bool]:
-    """Returns the peaks in a sequence, and whether its calibration is simulated. Raises RecordingError,
-    ConfigurationError.
+    """Returns the peaks in a sequence, and whether its calibration is simulated. stale_ns: see EstimatorSettings.
+    Raises RecordingError, ConfigurationError.
     """
     recording = open_recording(path, probe=named.probe, reference=named.reference, orientation=named.orientation)
     if recording.size_px is None:
@@ -112,7 +116,9 @@ def heard_in_sequence(
 
 
 def heard_in_series(series: Series, limits: Limits, stale_ns: int) -> tuple[Heard, bool]:
-    """Returns the peaks in a black box under the references then in force, and whether any of it is simulated."""
+    """Returns the peaks in a black box under the references then in force, and whether any of it is simulated.
+    stale_ns: see EstimatorSettings. Raises RecordingError.
+    """
     path = series.boxes[0].path
     if series.first_settings() is None:
         raise RecordingError("holds no reference that was in force, so nothing was judged", str(path), _NOT_HEALTHY)

@@ -8,13 +8,14 @@ from probewatch.drivers.samples import Frame, Pose, PoseStatus, Sample, Stamp
 from probewatch.drivers.twins.faults import LATENCY_S, Schedule, spoil_image, spoil_pose
 
 _LATENCY_NS = round(LATENCY_S * 1e9)
-"""As late as the simulated tracker."""
+"""ns by which poses come late, as from the simulated tracker."""
 
 
 def inject(samples: Iterable[Sample], schedule: Schedule, origin_ns: int) -> Iterator[Sample]:
-    """The samples in time order, spoiled; the schedule's seconds count from origin_ns (ns of the samples' clock).
+    """Yields the samples in time order, with the faults injected; the schedule's seconds count from origin_ns (ns of
+    the samples' clock).
 
-    latency: what the tracker reports as the pose of t is that of LATENCY_S earlier, so its poses come late.
+    With the fault latency, the tracker reports the pose of LATENCY_S earlier as that of t, so its poses come late.
     """
     spoiler = _Spoiler(schedule, origin_ns)
     late: deque[Pose] = deque()
@@ -34,7 +35,9 @@ def inject(samples: Iterable[Sample], schedule: Schedule, origin_ns: int) -> Ite
 
 
 class _Spoiler:
-    """Keeps what a frozen picture or a stale tracker repeats."""
+    """Injects the faults that are active into single samples, and keeps what a frozen picture or a stale tracker
+    repeats.
+    """
 
     def __init__(self, schedule: Schedule, origin_ns: int) -> None:
         self._schedule, self._origin_ns = schedule, origin_ns

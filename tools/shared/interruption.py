@@ -13,8 +13,8 @@ _BREAK_OFF = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 @contextmanager
 def said_when_interrupted(what: str) -> Iterator[None]:
-    """Inside, Ctrl-C, SIGTERM and SIGHUP raise SystemExit with exit code 128 + signal, after `what` was being run is
-    printed on stderr; further signals have no effect.
+    """Makes Ctrl-C, SIGTERM and SIGHUP print their name and `what` on stderr, and then raise SystemExit with exit code
+    128 + signal; further signals have no effect.
     """
 
     def end(number: int, _frame: FrameType | None) -> None:
@@ -32,7 +32,7 @@ def said_when_interrupted(what: str) -> Iterator[None]:
 
 
 class Stopped(click.Abort):
-    """What was stopped, and what is the outcome. word: "stopped" in the language of that."""
+    """Reports that a command was stopped, with the outcome. word: "stopped" in the language of the outcome."""
 
     def __init__(self, outcome: str, word: str = "stopped") -> None:
         super().__init__(outcome)
@@ -41,8 +41,8 @@ class Stopped(click.Abort):
 
 @contextmanager
 def stopped_saying(tell: str | Callable[[], str], word: str = "stopped") -> Iterator[None]:
-    """Inside, Ctrl-C, the end of the input and a declined question raise Stopped with the outcome, which `tell`
-    returns; a message set by an inner block takes precedence. word: as of Stopped.
+    """Turns Ctrl-C, the end of the input and a declined question into Stopped with the outcome, which is `tell` or what
+    it returns; a message set by an inner block takes precedence. word: that of Stopped.
     """
     try:
         yield

@@ -1,4 +1,4 @@
-"""The --json option, the same in every command: JSON on standard output and nothing else there."""
+"""Provides the --json option, the same in every command: it prints JSON on standard output and nothing else there."""
 
 import contextlib
 import json
@@ -19,7 +19,7 @@ def json_option(command: _Command) -> _Command:
 
 @contextlib.contextmanager
 def text_aside(as_json: bool) -> Iterator[Callable[[object], None]]:
-    """Yields the function that prints the JSON, where it is asked for; all other output then goes to standard error."""
+    """Yields a function that prints the JSON where it was requested; all other output then goes to standard error."""
     stdout = sys.stdout
 
     def write(report: object) -> None:

@@ -1,4 +1,4 @@
-"""A group of commands whose modules are imported only when one of them is used, so that `--help` is quick."""
+"""Provides a group of commands whose modules are imported only when one of them is used, so that `--help` is quick."""
 
 import importlib
 from collections.abc import Mapping
@@ -12,8 +12,8 @@ from probewatch.drivers.suggestion import did_you_mean, suggested
 
 
 class LazyGroup(click.Group):
-    """`names` maps each command to its summary, `prefix` names the package whose modules define `command`, `heading` is
-    the title of the list.
+    """Imports the module of a command when the command is used. `names` maps each command to its summary, `prefix`
+    names the package whose modules define `command`, `heading` is the title of the list.
     """
 
     def __init__(self, *args: Any, names: Mapping[str, str], prefix: str, heading: str, **kwargs: Any) -> None:
@@ -35,7 +35,9 @@ class LazyGroup(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Raises UsageError with the most similar command for an unknown one."""
+        """Returns the command that the words name, with the words after it. Raises UsageError for an unknown one, with
+        the most similar command.
+        """
         if args and not args[0].startswith("-") and args[0] not in self._names:
             meant = did_you_mean(suggested(args[0], self._names)) or f"Use one of {', '.join(sorted(self._names))}."
             ctx.fail(f"No such command '{args[0]}'. {meant}")
@@ -44,7 +46,7 @@ class LazyGroup(click.Group):
         return name, command, rest
 
     def invoke(self, ctx: click.Context) -> Any:
-        """What a command refuses is refused in the language of its cart, as far as it is known in it."""
+        """Runs the command; its refusals are in the language of its cart, as far as they have a translation."""
         try:
             return super().invoke(ctx)
         except ProbewatchError as error:
@@ -59,8 +61,8 @@ class LazyGroup(click.Group):
 
 
 def _let_readers_tell(command: click.Command) -> None:
-    """Click looks by itself whether a file may be read, and says "is not readable" with the usage and without a remedy;
-    who reads or replaces the file says which it is and what to do.
+    """Switches off click's own check whether a file may be read: it prints "is not readable" with the usage and without
+    a remedy, while the code that reads or replaces the file reports the reason and what to do.
     """
     for parameter in command.params:
         if isinstance(parameter.type, click.Path):
@@ -71,8 +73,8 @@ def _let_readers_tell(command: click.Command) -> None:
 
 
 def _refuse_swallowed(ctx: click.Context, command: click.Command | None, words: list[str]) -> None:
-    """Raises UsageError for an option that would take the next option for its text: `pause --off --on` switched the
-    sound off, with the reason "--on".
+    """Raises UsageError for an option that would take the next option as its value: `pause --off --on` once switched
+    the sound off, with the reason "--on".
     """
     if isinstance(command, click.Group):
         within = next((at for at, word in enumerate(words) if word in command.commands), None)

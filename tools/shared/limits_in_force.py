@@ -11,7 +11,7 @@ from probewatch.tools.german.translation import told
 from probewatch.tools.shared.profile_text import profile_text
 
 _LESS_IS_LOOSER = ("confidence_sigma",)
-"""Of the numbers that say what an OK means; of the others more is."""
+"""Limits of which a smaller number makes an OK assert less; of all others a larger number does."""
 _NEVER = (
     "{key} is never verified, so the contact stays open: what motion cannot tell fills it "
     "({sigmas} x {left_out} {unit}). Give more than {least}"
@@ -20,11 +20,12 @@ _NEVER_SOFT = (
     "{key} is never verified over tissue that gives way, as a patient's: what motion cannot tell fills it there "
     "({sigmas} x {left_out} {unit}). Give more than {least}"
 )
-"""What is said of a limit that what the model leaves out fills by itself, in any tissue and in what gives way."""
+"""Warnings about a limit that is used up by what the model leaves out alone: in any tissue, and in tissue that gives
+way."""
 
 
 def rows(limits: Limits, text: str, language: str = "en") -> Iterator[str]:
-    """Returns a row for the profile, for each of its limits and for each limit in the file. `text` is the
+    """Yields a row for the profile, for each of its limits and for each limit in the file. `text` is the
     configuration.
     """
     yield profile_text(limits_fields(limits), language)
@@ -40,9 +41,7 @@ def rows(limits: Limits, text: str, language: str = "en") -> Iterator[str]:
 
 
 def remarks(limits: Limits, language: str = "en") -> Iterator[str]:
-    """Returns warnings about these limits: one that never lets the contact close, one that is looser than the profile
-    says.
-    """
+    """Yields a warning for each limit that never lets the contact close, or that is looser than in its profile."""
     never = never_shown(limits, rigid=True)
     for fault in never_shown(limits, rigid=False):
         one = QUANTITIES[fault]
@@ -73,7 +72,9 @@ def _text(value: Any, language: str) -> str:
 
 
 def _is_looser(name: str, value: Any, usual: Any) -> bool:
-    """Whether an OK asserts less with this value. A region excludes places; a longer age is looser too."""
+    """Returns whether an OK asserts less with this value than with the usual one. A region excludes places, so it is
+    looser; so are fewer required ages, and longer ones.
+    """
     if name == "region":
         return True
     if name == "required_age_s":

@@ -1,4 +1,4 @@
-"""HOST:PORT of an option --listen."""
+"""Parses HOST:PORT, the value of an option --listen."""
 
 from probewatch.drivers.errors import ConfigurationError
 
@@ -6,7 +6,7 @@ _MOST_PORT = 65535  # of TCP
 
 
 def listen_address(listen: str, usual: str) -> tuple[str, int]:
-    """Returns (host, port). usual: HOST:PORT that the option has by default. Raises ConfigurationError."""
+    """Returns (host, port). usual: the default HOST:PORT of the option, for the error. Raises ConfigurationError."""
     host, colon, port = listen.rpartition(":")
     host = host.removeprefix("[").removesuffix("]")
     if not (host and colon and port.isascii() and port.isdecimal() and int(port) <= _MOST_PORT):

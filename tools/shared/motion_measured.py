@@ -1,4 +1,6 @@
-"""What all verified motion has measured of a reference, by the estimates in the alarm log: a table, a calibration."""
+"""Combines the estimates in the alarm log to what all verified motion has measured of a reference, as a table and as a
+calibration.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -20,8 +22,8 @@ HEADINGS = ("parameter", "by motion", "calibrated to", "apart", "estimates", "ex
 
 
 def measured(entries: Sequence[Entry], reference: int) -> dict[str, Accumulated]:
-    """Returns what motion measured of each parameter of that reference, as a change from it, by name. Notes do not tell
-    whether the tissue was rigid, so as much is left out as in any.
+    """Returns what motion measured of each parameter of that reference, as a change from it, by name. The entries do
+    not state whether the tissue was rigid, so the left-out standard deviation is that for tissue of any kind.
     """
     known = estimates_of(entries, reference)
     found = {name: accumulated(known[name], QUANTITIES[class_of(name)].left_out) for name in MEASURED if name in known}
@@ -29,7 +31,9 @@ def measured(entries: Sequence[Entry], reference: int) -> dict[str, Accumulated]
 
 
 def stated_sigma(name: str, reference: Calibration) -> float | None:
-    """Returns how well the calibration itself states a parameter, in the unit of its checks; None where it does not."""
+    """Returns the sigma that the calibration itself states for a parameter, in the unit of its checks; None where it
+    states none.
+    """
     if name not in PARAMETERS or reference.covariance is None:
         return None
     index = PARAMETERS.index(name)
@@ -37,7 +41,7 @@ def stated_sigma(name: str, reference: Calibration) -> float | None:
 
 
 def apart(one: Accumulated, stated: float | None) -> float:
-    """Returns by how many standard deviations of both motion and calibration differ."""
+    """Returns by how many of their combined standard deviations motion and calibration differ."""
     return abs(one.value) / hypot(one.sigma, stated or 0.0)
 
 
@@ -55,7 +59,7 @@ def row_of(name: str, one: Accumulated, reference: Calibration, language: str) -
 
 
 def fields_of(name: str, one: Accumulated, reference: Calibration) -> dict[str, Any]:
-    """Returns one parameter for JSON."""
+    """Returns the fields of one parameter for JSON."""
     stated = stated_sigma(name, reference)
     return {
         "name": name,
@@ -71,7 +75,7 @@ def fields_of(name: str, one: Accumulated, reference: Calibration) -> dict[str, 
 
 
 def in_vivo(found: Mapping[str, Accumulated], reference: Calibration) -> Calibration:
-    """Returns the reference with what motion measured of it, and the standard deviations of that.
+    """Returns the reference changed as motion measured, with the standard deviations of that measurement.
 
     Raises ConfigurationError where motion has not measured all eight parameters.
     """

@@ -1,5 +1,5 @@
-"""Which cart a command means: the one of --config, else of PROBEWATCH_CONFIG, else of this computer. Its sockets and
-folders are derived from its configuration; options that name one of them go before it.
+"""Determines which cart a command means: that of --config, else of PROBEWATCH_CONFIG, else of this computer. Its
+sockets and folders are derived from its configuration; options that name one of them take precedence.
 """
 
 import os
@@ -21,9 +21,9 @@ CONFIG = UNIT_CONFIG
 SOCKET, LOG = UNIT_SOCKET, Path("/var/lib/probewatch")
 ENVIRONMENT = "PROBEWATCH_CONFIG"
 NAMED = "probewatch.named_cart"
-"""Key of the context's meta under which the named configuration lies, None where none was named."""
+"""Key in the context's meta for the configuration that was named; its value is None where none was."""
 _MOST_BYTES = 1_000_000
-"""Of a configuration, which has some kB."""
+"""Bytes of a configuration at most; a usual one has some kB."""
 
 _Command = TypeVar("_Command", bound=Callable[..., Any])
 
@@ -62,7 +62,7 @@ def control_option(command: _Command) -> _Command:
 
 
 def saying_how_to_start(command: _Command) -> _Command:
-    """Has the command say, where no service answers, how that of the named cart is started."""
+    """Makes the command state, where no service answers, how that of the named cart is started."""
 
     @wraps(command)
     def saying(*args: Any, **kwargs: Any) -> Any:
@@ -115,7 +115,7 @@ def language_in(file: Path) -> str:
     try:
         said = toml_of(read_bounded(file, _MOST_BYTES), _MOST_BYTES).get("alarm", {}).get("language")
     except (OSError, ValueError, AttributeError):
-        return "en"  # what is wrong with a file that was named is told by what needs it
+        return "en"  # the code that needs the file reports what is wrong with it
     return said if isinstance(said, str) and said in LANGUAGES else "en"
 
 
@@ -166,7 +166,7 @@ def _derived(section: str, key: str, usual: Path) -> Callable[[click.Context, cl
         typed = context.get_parameter_source("config_file") is ParameterSource.COMMANDLINE
         if value is not None and not (named is not None and typed):
             return value
-        said = _said(named, section, key)  # also where it goes unused: a typed file that is not there is a slip
+        said = _said(named, section, key)  # read even where it is not used: a typed file that does not exist is a slip
         return value or said or usual
 
     return derive

@@ -1,4 +1,6 @@
-"""Text for every terminal: what its encoding lacks is written in ASCII, so that nothing ends in a traceback."""
+"""Writes text for every terminal: characters that its encoding lacks are written in ASCII, so that no output ends in a
+traceback.
+"""
 
 import codecs
 import io
@@ -44,18 +46,17 @@ _ASCII = {
     "▇": "*",
     "█": "#",
 }
-"""What each sign becomes. Those of tables and bars keep their width."""
+"""Replacement of each character. Those of tables and bars keep their width."""
 
 _HANDLER = "ascii-words"
 _CODEC = "plain-text"
-"""ASCII with that handler. It has a name of its own because click takes any stream called ASCII for a mistake, and
-writes UTF-8 to it.
-"""
+"""Name of the codec for ASCII with that handler. It has a name of its own because click regards any stream called ASCII
+as a mistake, and writes UTF-8 to it."""
 
 
 def speak_plainly() -> None:
-    """Standard output and error write in ASCII words what the terminal cannot show; in the C and POSIX locales that is
-    everything beyond ASCII, unless PYTHONUTF8 or PYTHONIOENCODING say otherwise.
+    """Makes standard output and error replace characters that the terminal cannot show by ASCII; in the C and POSIX
+    locales those are all beyond ASCII, unless PYTHONUTF8 or PYTHONIOENCODING is set.
     """
     codecs.register_error(_HANDLER, _in_ascii)
     codecs.register(lambda name: _codec() if name.replace("_", "-") == _CODEC else None)
@@ -71,11 +72,13 @@ def shown(text: str) -> str:
     try:
         return text.encode(encoding, _HANDLER).decode(encoding)
     except LookupError:
-        return text  # not speaking plainly: in a test, or called as a library
+        return text  # speak_plainly was not called: this is a test, or it is used as a library
 
 
 def _locale_is_plain() -> bool:
-    """Whether the user's locale is C or POSIX. Python itself writes LC_CTYPE=C.UTF-8 over that, to be able to start."""
+    """Returns whether the user's locale is C or POSIX. Python itself overrides that with LC_CTYPE=C.UTF-8 when it
+    starts.
+    """
     if os.environ.get("PYTHONUTF8") or os.environ.get("PYTHONIOENCODING"):
         return False
     ctype = os.environ.get("LC_CTYPE", "")

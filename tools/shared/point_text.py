@@ -1,4 +1,4 @@
-"""The error of a point as text, the same in every output."""
+"""Writes the error of a point as text, the same in every output."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -15,7 +15,9 @@ WORDS = {
 
 
 def point_text(point: Mapping[str, Any] | None, limit_mm: float | None = None, language: str = "en") -> str:
-    """Returns the text. `point` comes from the status or a report; `limit_mm` is the limit for an OK, None for none."""
+    """Returns the text. `point` is that of the status or a report, None where it is not known; `limit_mm` is the limit
+    for an OK, None for none.
+    """
 
     def say(name: str, **numbers: str) -> str:
         return translated(WORDS[name], language).format(**numbers)

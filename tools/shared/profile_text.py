@@ -1,4 +1,4 @@
-"""The limits in force under the name of their profile, the same in every output."""
+"""Writes the limits in force as text under the name of their profile, the same in every output."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -24,7 +24,7 @@ def profile_text(limits: Mapping[str, Any] | None, language: str = "en") -> str:
 
 def logged_limits_text(data: Mapping[str, Any], language: str = "en") -> str:
     """Returns the limits of an entry of the alarm log; empty for an entry of a version that stores none, or stores them
-    otherwise.
+    in another form.
     """
     limits = data.get("limits")
     told = isinstance(limits, Mapping) and "profile" in limits and isinstance(limits.get("beside"), Mapping)
@@ -32,7 +32,7 @@ def logged_limits_text(data: Mapping[str, Any], language: str = "en") -> str:
 
 
 def is_usual(limits: Mapping[str, Any] | None) -> bool:
-    """Whether these are the shipped limits, which are not shown."""
+    """Returns whether these are the shipped limits, which are not shown."""
     return limits is None or (limits["profile"] == "coarse" and not limits["beside"])
 
 

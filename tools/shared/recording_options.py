@@ -1,4 +1,4 @@
-"""Options that say of a recording what its file does not."""
+"""Provides the options that state what the file of a recording does not."""
 
 from collections.abc import Callable
 from typing import Any, TypeVar
@@ -9,7 +9,9 @@ _Command = TypeVar("_Command", bound=Callable[..., Any])
 
 
 def recording_options(of: str = "") -> Callable[[_Command], _Command]:
-    """Adds --probe, --reference and --orientation. of: of which files, for the help of a command that takes others."""
+    """Adds --probe, --reference and --orientation. of: the files to which they apply, for the help of a command that
+    takes others too.
+    """
     prefix = f"of {of}: " if of else ""
     options = (
         click.option("--probe", help=f"{prefix}tool on the probe, as the transforms name it [Probe]"),

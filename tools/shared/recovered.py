@@ -1,4 +1,4 @@
-"""The calibration that a service proposes in its status, as a calibration object."""
+"""Turns the calibration that a service proposes in its status into a calibration object."""
 
 from dataclasses import replace
 from typing import Any

@@ -1,4 +1,4 @@
-"""References, and differences of calibrations, as text."""
+"""Writes references, and differences between calibrations, as text."""
 
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,7 @@ def entry_headings(language: str) -> tuple[str, ...]:
 
 
 def entry_cells(entry: Entry, language: str) -> tuple[str, ...]:
-    """Returns the cells of a reference, below `entry_headings` from the third on."""
+    """Returns the cells of a reference, which belong below `entry_headings` from the third on."""
     verified = told("no", language) if entry.verified_utc is None else utc_text(entry.verified_utc)
     return utc_text(entry.utc), _origin(entry, language), verified, Path(entry.file).name, entry.sha256[:12]
 
@@ -33,7 +33,7 @@ def utc_text(utc: str) -> str:
 
 
 def entry_lines(entry: Entry, in_force: bool, language: str) -> list[tuple[str, str]]:
-    """Returns (name, text) of all that is known of a reference."""
+    """Returns (name, text) of everything known about a reference."""
     width, height = entry.image_size_px
 
     def tell(text: str) -> str:
@@ -59,12 +59,12 @@ def entry_lines(entry: Entry, in_force: bool, language: str) -> list[tuple[str, 
 
 
 def numbers_text(values: Any, digits: int) -> str:
-    """Returns the numbers with so many digits behind the point."""
+    """Returns the numbers with that number of digits after the point."""
     return ", ".join(f"{value:.{digits}f}" for value in values)
 
 
 def print_difference(change: Difference, language: str) -> None:
-    """Prints the difference of two calibrations."""
+    """Prints the difference between two calibrations."""
     lateral, axial, elevational = change.offset_mm
     same, sizes = told("the same", language), change.image_size_px
     rows = [

@@ -1,7 +1,8 @@
-"""A black box through lines made as its settings say, and whether they say what was said live, bit for bit.
+"""Runs a black box through lines that are built from its settings, and compares their verdicts with those of the live
+run, bit for bit.
 
-That holds for the same version on the same kind of processor with one thread of BLAS, as the service and every command
-have it: libraries add numbers up in an order that suits the processor.
+They are equal for the same version on the same kind of processor with one thread of BLAS, as the service and every
+command have it: libraries add numbers in an order that suits the processor.
 """
 
 import json
@@ -22,7 +23,7 @@ from probewatch.drivers.samples import Frame, Matrix4, Pose, Sample
 
 
 class Repeating(Protocol):
-    """The line, as this module needs it."""
+    """Describes what this module needs of a line."""
 
     def step(self, sample: Sample) -> tuple[Verdict, ...]: ...
 
@@ -30,11 +31,13 @@ class Repeating(Protocol):
 
 
 MakeLine = Callable[[Calibration, Limits, int, Matrix4 | None], Repeating]
-"""(reference, limits, stale_ns, relative_pose), as `EstimatorSettings` has them."""
+"""Builds a line from (reference, limits, stale_ns, relative_pose), as `EstimatorSettings` has them."""
 
 
 class Step(NamedTuple):
-    """One item of the file, when it was written, and what the line says to it now: nothing but to a sample."""
+    """Holds one item of the file, the time at which it was written, and the verdicts of the line on it now, of which
+    there are some only for a sample.
+    """
 
     item: Item
     now_ns: int
@@ -42,7 +45,9 @@ class Step(NamedTuple):
 
 
 class LiveState(NamedTuple):
-    """A state of the service when the box was recorded. t_ns: of the cart's clock, or since the first sample."""
+    """Represents a state of the service when the box was recorded. t_ns: time of the cart's clock, or since the first
+    sample.
+    """
 
     t_ns: int
     state: str
@@ -52,11 +57,12 @@ class LiveState(NamedTuple):
 
 @dataclass
 class Comparison:
-    """recorded, equal: verdicts of lines that are in the file from their first sample on and without a gap, and how
-    many of them came again bit for bit. difference: the first that did not, in words. without_past, equal_anyway: the
-    same of lines some of whose past is not in the file. alike: of both, how many came again with the same kind and
-    fault. unproved: said OK live, and not verified now. proved: OK now, and not live. gaps: what is missing, in words.
-    text, every: as of `Begun`. told: what the room was told live, from its first change of state on.
+    """Compares the recorded verdicts with those of the rerun. recorded: number of verdicts of lines that are in the
+    file from their first sample on and without a gap; equal: how many of them came again bit for bit. difference: the
+    first that did not, in words. without_past, equal_anyway: the same for lines some of whose past is not in the file.
+    alike: how many of both came again with the same kind and fault. unproved: how many were OK live and are not
+    verified now. proved: how many are OK now and were not live. gaps: what is missing, in words. text, every: those of
+    `Begun`. told: the states that the service reported live, from its first change of state on.
     """
 
     recorded: int = 0
@@ -74,12 +80,12 @@ class Comparison:
 
     @property
     def exact(self) -> bool:
-        """Everything that could come again did."""
+        """Returns whether every verdict that could come again did."""
         return self.recorded == self.equal and not self.difference
 
     @property
     def sentence(self) -> str:
-        """The comparison in a sentence for people."""
+        """Returns the comparison as a sentence for people."""
         if self.recorded + self.without_past == 0:
             return "the recording holds no verdicts to compare with"
         said = self._of_whole_lines() if self.recorded else ""
@@ -102,7 +108,9 @@ class Comparison:
         return f"{said}; reason: {self._why()}. First: {self.difference}"
 
     def _likeness(self) -> str:
-        """What can be held against blackened pictures, whose figures are never quite the same."""
+        """Returns what can be compared where pictures were blackened, because the figures of those are never quite the
+        same.
+        """
         return (
             f"{self.alike} of {self.recorded + self.without_past} verdicts came again with the same kind and fault, "
             f"{self.unproved} that were OK are not verified now, {self.proved} are OK now and were not"
@@ -116,7 +124,9 @@ class Comparison:
 
 
 class Rerun:
-    """line: the latest, None before the first. settings: of each line that was made."""
+    """Runs a series through lines. line: the latest line, None before the first. settings: those of each line that was
+    built.
+    """
 
     def __init__(self, series: Series, make_line: MakeLine = Line) -> None:
         self._series, self._make_line = series, make_line
@@ -128,7 +138,9 @@ class Rerun:
         self.comparison = Comparison(text=series.begun.text, every=series.begun.every)
 
     def steps(self) -> Iterator[Step]:
-        """Everything in order; `comparison` is complete once it has ended. Raises RecordingError for a failing disk."""
+        """Yields every item in order; `comparison` is complete after the last. Raises RecordingError where the disk
+        fails.
+        """
         for item, now_ns in self._series.items():
             verdicts: tuple[Verdict, ...] = ()
             if isinstance(item, Made):
@@ -150,7 +162,9 @@ class Rerun:
         self._left_over()
 
     def _obey(self, made: Made) -> None:
-        """What the line before said and is not in the file was said when the settings had come already."""
+        """Builds the line that the settings in the file require. Verdicts of the previous line that are not in the file
+        do not count: live, they were given when these settings had already arrived.
+        """
         self._left_over()
         settings = made.settings
         self.line = (
@@ -189,7 +203,7 @@ class Rerun:
                 self._hold_against(said, again)
 
     def _hold_against(self, said: Verdict, again: Verdict) -> None:
-        """Two verdicts on the same picture."""
+        """Compares two verdicts on the same picture."""
         if json.dumps(verdict_fields(said)) != json.dumps(verdict_fields(again)):
             self._differs(f"at {said.t_ns} ns, {_difference(said, again)}")
         elif self._whole:
@@ -212,7 +226,7 @@ class Rerun:
 
 
 def _difference(said: Verdict, again: Verdict) -> str:
-    """The first field that is not the same."""
+    """Returns, in words, the first field that differs."""
     before, now = verdict_fields(said), verdict_fields(again)
     for name in ("verdict", "fault", "reason", "verified_ns"):
         if before[name] != now[name]:

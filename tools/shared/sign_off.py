@@ -1,4 +1,4 @@
-"""The record in a calibration file: who made it from what, who signed it, and until when it is valid."""
+"""Makes and reviews the record in a calibration file: who made it from what, who signed it, and when it expires."""
 
 import getpass
 import json
@@ -15,10 +15,10 @@ from probewatch.appliance.types import PARAMETERS
 from probewatch.drivers.errors import ConfigurationError
 
 NOT_MADE = "not made: "
-"""How the record of the check at another point begins where there was none; then comes the reason."""
+"""Begins the record of the check at another point where no check was made; the reason follows."""
 _STROKES = " .-_?<>[]()"
 _PLACEHOLDERS = ("", "name", "your name", "role", "todo", "tbd", "fixme", "x", "xxx", "n/a", "none", "unknown", "test")
-"""What stands in a form until somebody fills it in, in small letters and without the strokes around it."""
+"""Texts that a form has until somebody fills it in, in lower case and without the signs around them."""
 
 
 def user() -> str:
@@ -31,8 +31,8 @@ def user() -> str:
 
 @dataclass(frozen=True, slots=True)
 class SignOff:
-    """The statements of people about a calibration; empty where none was made. `due`: date of renewal; `expires`: last
-    day of use.
+    """Holds the statements of people about a calibration; empty where none was made. `due`: date of renewal; `expires`:
+    last day of use.
     """
 
     made_by: str
@@ -46,8 +46,8 @@ class SignOff:
     expires: date | None = None
 
     def check(self) -> None:
-        """Raises ConfigurationError where the maker is the signer, the signer has no role, a date has passed, or it
-        expires before it is due.
+        """Raises ConfigurationError where the maker is the signer, a signer has no role or a role has no signer, a date
+        has passed, or the calibration expires before it is due.
         """
         if self.signed_by and _name(self.signed_by) == _name(self.made_by):
             what = f"{self.signed_by} made it and cannot sign it as well"
@@ -62,7 +62,7 @@ class SignOff:
                 raise ConfigurationError(f"{day} has passed", "sign-off", f"Give {option} a later day")
 
     def fields(self) -> dict[str, str]:
-        """The keys for the calibration's provenance, without empty ones."""
+        """Returns the keys for the calibration's provenance, without empty ones."""
         said = {
             "made_by": self.made_by,
             "signed_by": self.signed_by,
@@ -84,7 +84,9 @@ def _unchecked(stated: Mapping[str, str]) -> Iterator[str]:
 
 
 def remarks_on(stated: Mapping[str, str], now: datetime) -> Iterator[str]:
-    """Yields what a reader of this provenance must not rely on: a missing person, a placeholder, an impossible date."""
+    """Yields what a reader of this provenance must not rely on: a missing check or signature, a placeholder, an
+    impossible date.
+    """
     for key, what in (("made_by", "who made it"), ("signed_by", "who signed it"), ("signed_role", "the signer's role")):
         if _name(stated.get(key, "")).strip(_STROKES) in _PLACEHOLDERS and key in stated:
             yield f"{what} is {stated[key]!r}: that is a placeholder, not a person"
@@ -117,8 +119,8 @@ def _name(text: str) -> str:
 
 
 def whole_record(state: Running, sign_off: SignOff, source: str, data_sha256: str) -> dict[str, str]:
-    """Returns the provenance of a calibration solved from nothing. `source` names the scan. Raises ValueError without
-    solution.
+    """Returns the provenance of a calibration that was solved without an earlier one. `source` names the scan. Raises
+    ValueError without a solution.
     """
     whole = state.whole
     if whole is None or whole.calibration.covariance is None:

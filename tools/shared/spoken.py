@@ -1,4 +1,6 @@
-"""What the operator's commands say themselves, in the language of the cart; `tools.german` says where German is."""
+"""Holds the texts of the operator's commands themselves, and returns them in the language of the cart; `tools.german`
+says where German is.
+"""
 
 from collections.abc import Mapping
 from typing import Any
@@ -29,7 +31,7 @@ SPOKEN = {
     "latched": "latched",
     "by": "by",
 }
-"""Every text of `ack`, `lamp-test`, `pause` and `log` that the service does not say itself."""
+"""Every text of `ack`, `lamp-test`, `pause` and `log` that does not come from the service itself."""
 
 
 def say(name: str, language: str, **fields: object) -> str:
@@ -38,8 +40,8 @@ def say(name: str, language: str, **fields: object) -> str:
 
 
 def say_change(text: str, language: str) -> str:
-    """Returns a state and its reason, such as "halt: mirrored", in the language; as it is where the reason cannot be
-    translated whole.
+    """Returns a state and its reason, such as "halt: mirrored", in the language; unchanged where the reason cannot be
+    translated as a whole.
     """
     state, colon, reason = text.partition(": ")
     said = translated_text(reason, language)
@@ -47,6 +49,6 @@ def say_change(text: str, language: str) -> str:
 
 
 def language_of(status: Mapping[str, Any]) -> str:
-    """Returns the language of the cart by its status; English where this version has no other."""
+    """Returns the language of the cart by its status; English where this version does not have that language."""
     said = status.get("language", "en")
     return said if said in LANGUAGES else "en"

@@ -1,4 +1,4 @@
-"""Converts the checks of a status to changes of the eight calibration parameters."""
+"""Converts the checks of a status into changes of the eight calibration parameters."""
 
 from collections.abc import Iterable, Mapping
 from typing import Any

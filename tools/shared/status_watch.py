@@ -13,23 +13,25 @@ from probewatch.tools.shared.named_cart import start_of
 from probewatch.tools.shared.threaded import Threaded
 
 _ANSWER_S = 1.0
-"""For the service to answer: twenty ticks. Longer reports later that it does not."""
+"""Seconds for the service to answer: twenty ticks. Longer reports later that it does not."""
 
 _AGAIN_S = 0.5
-"""Before a service that does not answer is asked again. More often is noise in its queue."""
+"""Seconds before a service that does not answer is asked again. A shorter time only fills its queue."""
 
 _IDLE_S = 0.25
-"""Between two questions while nobody listens, so that who comes hears something fresh: the pace of `status --watch`."""
+"""Seconds between two requests while there is no listener, so that a new one gets a fresh status: the pace of `status
+--watch`."""
 
 _STALE_NS = 500_000_000
-"""Age beyond which what the service said counts no more: then it is silent. Twice what a command of an alarm output
-lives, as a busy computer delays this process more than the service; more would tell an OK longer than it is known."""
+"""ns, age beyond which a status counts no more: then the service is silent. Twice as long as a command to an alarm
+output is valid, because a busy computer delays this process more than the service; longer would show an OK for longer
+than it is known."""
 
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """The status as docs/control.md describes it, None while the service does not send it; `silence` says why. `t_ns`
-    is the CLOCK_MONOTONIC time of the status.
+    """Holds the status as docs/control.md describes it, None while the service does not send it; `silence` says why.
+    `t_ns` is the CLOCK_MONOTONIC time of the status.
     """
 
     status: dict[str, Any] | None
@@ -38,11 +40,13 @@ class Seen:
 
 
 class StatusWatch(Threaded):
-    """`path` is the control socket, `every_s` the polling interval while there are listeners."""
+    """Keeps the latest status. `path` is the control socket, `every_s` the polling interval while there are
+    listeners.
+    """
 
     def __init__(self, path: Path, every_s: float) -> None:
         self._path, self._every_s = path, every_s
-        self._start = start_of(path)  # by the command's cart, which no other thread knows
+        self._start = start_of(path)  # reads click's context, which only the command's thread has
         self._listened_to = False
         self._ended = threading.Event()
         self._last: Seen | None = None
@@ -50,7 +54,7 @@ class StatusWatch(Threaded):
         super().__init__("status")
 
     def close(self) -> None:
-        """See Closable."""
+        """Ends the thread, see Closable."""
         self._ended.set()
         self._thread.join(2 * _ANSWER_S)
 
@@ -59,7 +63,7 @@ class StatusWatch(Threaded):
         self._listened_to = listeners > 0
 
     def seen(self) -> Seen:
-        """The latest status while it is fresh, else the reason why there is none."""
+        """Returns the latest status while it is fresh, else the reason why there is none."""
         last, now_ns = self._last, time.monotonic_ns()
         if last is None:
             return Seen(None, now_ns, self._why)

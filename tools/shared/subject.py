@@ -1,5 +1,5 @@
-"""Identifies what a replay report is about, so that it can be traced later: recording, calibration, limits and injected
-faults.
+"""Identifies the subject of a replay report, so that it can be traced later: recording, calibration, limits and
+injected faults.
 """
 
 from collections.abc import Sequence
@@ -12,15 +12,15 @@ from probewatch.drivers.twins.faults import Schedule
 from probewatch.tools.shared.digest import file_sha256
 
 _SHOWN = 12
-"""Digits of a SHA-256 that a person compares."""
+"""Number of digits of a SHA-256 that a person compares."""
 _OF_BOX = "as recorded in the black box"
 
 
 @dataclass(frozen=True)
 class Subject:
-    """`recording` lists its files, including poses recorded apart. `calibration` and `configuration` are the files used
-    to judge it; None for those of the black box, and, beside a calibration, for the shipped limits. `injected` lists
-    faults put in on purpose.
+    """Holds each file of a report's subject with its SHA-256. `recording` lists the files of the recording, including
+    poses recorded apart. `calibration` and `configuration` are the files used to judge it; None for those of the black
+    box, and, beside a calibration, for the shipped limits. `injected` lists faults put in on purpose.
     """
 
     recording: tuple[tuple[Path, str], ...]
@@ -34,7 +34,7 @@ class Subject:
     def of(
         cls, recording: Sequence[Path], calibration: Path | None, configuration: Path | None, schedule: Schedule
     ) -> "Subject":
-        """Reads each file once. Raises ConfigurationError."""
+        """Returns the subject. Reads each file once. Raises ConfigurationError."""
         return cls(
             tuple((path, file_sha256(path)) for path in recording),
             None if calibration is None else (calibration, file_sha256(calibration)),
@@ -46,11 +46,11 @@ class Subject:
 
     @property
     def spoiled(self) -> str:
-        """The injected faults, for a warning in the title; empty without any."""
+        """Returns the injected faults, for a warning in the title; empty without any."""
         return f"SPOILED on purpose: --inject {', '.join(self.injected)}" if self.injected else ""
 
     def rows(self) -> list[tuple[str, str]]:
-        """The subject as rows of a table."""
+        """Returns the subject as rows of a table."""
         judged = _OF_BOX if self.calibration is None else _named(self.calibration)
         unnamed = _OF_BOX if self.calibration is None else "as probewatch ships them"
         limits = unnamed if self.configuration is None else _named(self.configuration)
@@ -62,7 +62,7 @@ class Subject:
         ]
 
     def fields(self) -> dict[str, object]:
-        """The subject for JSON."""
+        """Returns the subject for JSON."""
         return {
             "recording": [_fields(file) for file in self.recording],
             "calibration": None if self.calibration is None else _fields(self.calibration),

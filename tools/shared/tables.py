@@ -1,5 +1,5 @@
-"""Tables that fit: into a terminal in columns, closer or with cells of several lines where it is narrow; into a pipe as
-lines with tabs, which cut and grep take apart. And which columns of any table are figures.
+"""Prints tables that fit. In a terminal they have columns, with less space or with cells of several lines where it is
+narrow; in a pipe they are lines with tabs, for cut and grep. It also determines which columns of any table are figures.
 """
 
 import re
@@ -15,21 +15,21 @@ from rich.text import Text
 from probewatch.tools.shared.plain_text import shown
 
 _ENDLESS = 10_000
-"""Columns that no table reaches, to measure how wide one wants to be."""
+"""Columns, more than any table has, to measure the natural width of one."""
 _INDENT = 2
-"""Columns by which the rest of a row is set in where the terminal is too narrow for a table."""
+"""Columns by which the rest of a row is indented where the terminal is too narrow for a table."""
 _LEAST_WORDS = 12
-"""Columns of a cell with words, below which they are torn apart: then each row is a short list."""
+"""Columns that a cell with words needs, or else they would be torn apart: below that each row becomes a short list."""
 NOTHING = "–"
 _FIGURE = re.compile(r"[-+−<>±]?\s?\d+(\.\d+)?(e[-+]?\d+)?(?![\w.-])")
-"""What a figure begins with, before its unit: no date, version, SHA-256 or name of a file."""
+"""Matches the beginning of a figure, before its unit, but no date, version, SHA-256 or name of a file."""
 _INSTEAD = re.compile(r"[^\W\d]*|–")
-"""What stands where there is no figure: a dash or one word, such as never."""
+"""Matches what stands in place of a figure: a dash or one word, such as never."""
 
 
 def figures_in(rows: Sequence[Sequence[str]]) -> tuple[bool, ...]:
-    """Returns for each column whether its cells are figures; of no row, nothing. A mark before a cell, ! or +, as
-    pages have it, does not count.
+    """Returns for each column whether its cells are figures; an empty tuple where there are no rows. A mark before a
+    cell, ! or +, as pages have it, does not count.
     """
     return tuple(map(_are_figures, zip(*rows, strict=True)))
 
@@ -41,10 +41,10 @@ def _are_figures(cells: Sequence[str]) -> bool:
 
 
 class FittingTable:
-    """rows: as many cells as headings; the first one names the row. styles: one for each row, "" for none. Print with
-    crop=False, or lines in a pipe are cut off.
+    """Represents a table that adapts to where it is printed. Print it with crop=False, or lines in a pipe are cut off.
 
-    right_from: number of the first column of figures, aligned on the right; tight: one space between columns.
+    rows: as many cells as headings; the first one names the row. styles: one for each row, "" for none. right_from:
+    number of the first column of figures, aligned on the right. tight: one space between columns.
     """
 
     def __init__(
@@ -78,7 +78,7 @@ class FittingTable:
         return console.measure(table, options=options.update(max_width=_ENDLESS)).maximum
 
     def _least_width(self, console: Console, options: ConsoleOptions) -> int:
-        """Width of the table, were every cell with words folded to the least."""
+        """Returns the width that the table would have if every cell with words were folded to the least width."""
         cut = [
             [cell if self._is_figure(number) else cell[:_LEAST_WORDS] for number, cell in enumerate(row)]
             for row in self._rows

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 
 
 class _Terminal:
-    """A text stream that makes its text printable before it passes it on."""
+    """Represents a text stream that makes its text printable before it passes it on."""
 
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream
@@ -28,13 +28,14 @@ class _Terminal:
 
 
 def guard_terminal() -> None:
-    """Have standard output and error of this process pass on no controls but line breaks, and on a terminal
-    what colours and redraws."""
+    """Makes standard output and error of this process pass on no control characters but line breaks and, on a terminal,
+    those that set colours and redraw.
+    """
     sys.stdout, sys.stderr = (cast(TextIO, _Terminal(stream)) for stream in (sys.stdout, sys.stderr))
 
 
 def progress_bar(text: str) -> "Progress":
-    """A progress bar on stderr, and only where that is a terminal."""
+    """Returns a progress bar on stderr, which is shown only where that is a terminal."""
     # Every command loads this module, and few need the 40 ms that rich takes to load.
     from rich.console import Console  # noqa: PLC0415
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn  # noqa: PLC0415

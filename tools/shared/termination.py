@@ -1,4 +1,4 @@
-"""The end of a process by SIGTERM or SIGINT."""
+"""Lets a process end in its own time after SIGTERM or SIGINT."""
 
 import signal
 from collections.abc import Iterable
@@ -6,7 +6,7 @@ from threading import Event
 
 
 def termination(numbers: Iterable[int] = (signal.SIGTERM, signal.SIGINT)) -> Event:
-    """Returns an event that these signals set from now on in place of ending the process. For the main thread."""
+    """Returns an event that these signals set from now on instead of ending the process. For the main thread only."""
     stop = Event()
     for number in numbers:
         signal.signal(number, lambda *_: stop.set())

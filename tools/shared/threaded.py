@@ -1,4 +1,4 @@
-"""What works in a thread of its own."""
+"""Provides the base class of objects that work in a thread of their own."""
 
 import threading
 from typing import Self
@@ -7,7 +7,7 @@ from probewatch.drivers.closable import Closable
 
 
 class Threaded(Closable):
-    """Runs `_run` in a thread of that name from the beginning of its `with` block; `close` must end it."""
+    """Runs `_run` in a thread of that name from the beginning of its `with` block; `close` must end the thread."""
 
     def __init__(self, name: str) -> None:
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)

@@ -1,4 +1,4 @@
-"""What the alarm log says of the drift of each parameter, as rows of a table."""
+"""Computes the drift of each parameter from the alarm log, as rows of a table."""
 
 from collections import defaultdict
 from collections.abc import Sequence
@@ -13,7 +13,7 @@ from probewatch.tools.shared.tables import NOTHING
 
 HEADINGS = ("parameter", "estimates", "now", "limit", "since the first", "per day", "reaches the limit", "is")
 _FAR_DAYS = 3650
-"""Ten years: a day later than that says nothing to anybody."""
+"""Days, ten years: a prediction beyond that is of no use to anybody."""
 
 
 def trends(entries: Sequence[Entry], reference: int) -> dict[str, Trend]:

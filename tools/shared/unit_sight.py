@@ -1,5 +1,5 @@
-"""Finds files that the service's unit cannot read: with ProtectHome= and PrivateTmp= it has no home folders and its own
-/tmp.
+"""Finds files that the service's unit cannot read: with ProtectHome= and PrivateTmp= it sees no home folders, and a
+/tmp of its own.
 """
 
 from collections.abc import Iterator
@@ -23,8 +23,8 @@ def unseen(file: Path) -> str:
 
 
 def is_of_the_unit(configuration: Path) -> bool:
-    """Whether the unit uses this configuration; any other belongs to a service started by a person, with that person's
-    rights.
+    """Returns whether the unit uses this configuration; any other belongs to a service that a person started, with that
+    person's rights.
     """
     return configuration.absolute() == CONFIG
 
@@ -46,7 +46,7 @@ def unseen_mistakes(config: Config, file: Path) -> Iterator[str]:
 
 
 def relative(url: str) -> Iterator[str]:
-    """Returns an error for each relative path in a URL: the service starts in another folder and would look for it
+    """Yields an error for each relative path in a URL: the service starts in another folder and would look for it
     there.
     """
     _, target, options = split_url(url)
@@ -58,7 +58,7 @@ def relative(url: str) -> Iterator[str]:
 
 
 def _paths(url: str) -> Iterator[Path]:
-    """Returns the absolute paths in the target and the options of a URL, such as FILE.rom@PLUG,FILE.rom."""
+    """Yields the absolute paths in the target and the options of a URL, such as FILE.rom@PLUG,FILE.rom."""
     _, target, options = split_url(url)
     for text in (target, *options.values()):
         yield from (Path(part.partition("@")[0]) for part in text.split(",") if part.startswith("/"))

@@ -13,8 +13,8 @@ from probewatch.tools.shared.named_cart import CONFIG, ENVIRONMENT, language_in
 
 
 def show_usage_error(error: click.ClickException, group: click.Group, words: Sequence[str]) -> None:
-    """Prints the error on standard error; English as a whole where not all of it has its German. words: those of the
-    command line, from the group's first on.
+    """Prints the error on standard error, all of it in English where a part of it has no German translation. words:
+    those of the command line, from the group's first on.
     """
     whole = with_what_it_takes(error, group, words) if isinstance(error, click.BadOptionUsage) else error
     help_alone = isinstance(error, click.exceptions.NoArgsIsHelpError)

@@ -1,4 +1,4 @@
-"""Changes the reference on behalf of a person: confirm the difference, then move the probe until it is verified."""
+"""Changes the reference on behalf of a person, who confirms the difference and moves the probe until it is verified."""
 
 import contextlib
 import sys
@@ -20,17 +20,16 @@ from probewatch.tools.shared.interruption import stopped_saying
 from probewatch.tools.shared.terminal import progress_bar
 
 _HOLD_S = 900.0
-"""Of silence after which the service gives up for a command that hangs: reading a long recording takes minutes.
-One that was killed is noticed at once, whatever this is. Not measured.
-"""
+"""Seconds of silence after which the service gives up on behalf of a command that hangs: reading a long recording takes
+minutes. The service notices a command that was killed at once, whatever this is. Not measured."""
 _MISSING = "not shown yet: "
 _LOOK_EVERY_S = 0.25
-"""Between two looks at the status: a progress bar that seems alive, and five ticks of the service."""
+"""Seconds between two looks at the status, five ticks of the service: a progress bar still seems alive."""
 
 
 def accepted(proposal: dict[str, Any], yes: bool, language: str) -> tuple[str, str]:
-    """Returns (the difference as text, SHA-256 of what was compared), which the service requires back, once a person
-    has accepted it where that is required. Raises ControlRefused.
+    """Returns (the difference as text, SHA-256 of what was compared), which the service requires back, after a person
+    has accepted the difference where that is required. Raises ControlRefused.
     """
     text = str(proposal["text"])
     click.echo(told("against the reference in force: {text}", language, text=recognised(text, language)))
@@ -60,8 +59,8 @@ def refuse_simulated(socket: Path) -> None:
 
 @contextlib.contextmanager
 def recalibrating(client: ControlClient | None, language: str) -> Iterator[None]:
-    """The service, if any, stays in recalibration while the block runs; a block that fails or is interrupted aborts it,
-    and so does the service when this process is killed.
+    """Keeps the service, if any, in recalibration while the block runs. A block that fails or is interrupted aborts the
+    recalibration, and so does the service when this process is killed.
     """
     if client is None:
         yield
@@ -74,14 +73,14 @@ def recalibrating(client: ControlClient | None, language: str) -> Iterator[None]
     except BaseException as error:
         with contextlib.suppress(ProbewatchError):
             client.abort_recalibration()
-            if isinstance(error, ProbewatchError):  # one that is interrupted is told by reporting_change
+            if isinstance(error, ProbewatchError):  # reporting_change reports an interruption
                 click.echo(_gone_back(client.status().get("reference"), language), err=True)
         raise
 
 
 @contextlib.contextmanager
 def _told_what_to_look_at(language: str) -> Iterator[None]:
-    """What the service cannot do in its state names where the cause of that state is told."""
+    """Adds to a refusal that is due to the state of the service where to find the cause of that state."""
     try:
         yield
     except ControlRefused as error:
@@ -92,7 +91,7 @@ def _told_what_to_look_at(language: str) -> Iterator[None]:
 
 
 def _gone_back(reference: Mapping[str, Any] | None, language: str) -> str:
-    """Returns what a scan or a file that was refused leaves behind: a contact that opened when it began."""
+    """Returns, as text, what a refused scan or file leaves behind: a contact that opened when recalibration began."""
     if reference is None:
         return told("there is no calibration, as before", language)
     back = "reference {number} is in force, as before; the contact closes once motion has verified it"
@@ -101,7 +100,7 @@ def _gone_back(reference: Mapping[str, Any] | None, language: str) -> str:
 
 @contextlib.contextmanager
 def reporting_change(socket: Path | None, language: str) -> Iterator[None]:
-    """Reports, if the block is interrupted or declined, whether the service has another reference than at the
+    """Reports, if the block is interrupted or declined, whether the service has a different reference from that at the
     beginning. `socket` is that of the service, None without one. Raises ProbewatchError where it does not answer.
     """
     if socket is None:
@@ -120,7 +119,7 @@ def _reference_of(socket: Path) -> dict[str, Any] | None:
 
 
 def _become(socket: Path, before: dict[str, Any] | None, language: str) -> str:
-    """Asks the service for the outcome, after its last request is complete."""
+    """Returns, as text, which reference the service has now; waits first, so that its last request is complete."""
     time.sleep(_LOOK_EVERY_S)
     try:
         now = _reference_of(socket)
@@ -143,8 +142,8 @@ def _become(socket: Path, before: dict[str, Any] | None, language: str) -> str:
 
 
 def waits_for(status: Mapping[str, Any]) -> str:
-    """Returns what keeps the service from having verified a new reference: what stands in its way, such as a probe in
-    the air, else which parameters no motion has shown yet.
+    """Returns why the service has not verified a new reference yet: an obstacle, such as a probe in the air, else which
+    parameters no motion has shown yet.
     """
     reason = str(status.get("reference_waits") or status["reason"])
     if reason != SIGNALS[State.RECALIBRATING].text:
@@ -157,19 +156,19 @@ def waits_for(status: Mapping[str, Any]) -> str:
 
 
 def motions_for(reason: str) -> str:
-    """Returns the motions that show what `waits_for` calls not shown yet; empty where it names nothing."""
+    """Returns the motions that show what `waits_for` calls not shown yet; empty where it names no parameter."""
     _, found, names = reason.rpartition(_MISSING)
     return "; ".join(gesture.value for gesture in gestures(names.split(", "))) if found else ""
 
 
 def with_motions(reason: str, language: str) -> str:
-    """Returns the reason of `waits_for` in the language, behind the motions that are asked for."""
+    """Returns the reason of `waits_for` in the language, after the motions that it requires."""
     return " · ".join(recognised(part, language) for part in (motions_for(reason), reason) if part)
 
 
 def await_verification(client: ControlClient, socket: Path, wait_s: float, language: str) -> None:
-    """Returns once the service monitors. `client` gave the reference; its connection stays open, so that no other
-    client changes the reference meanwhile. Raises DeviceLost, ControlRefused.
+    """Returns as soon as the service is monitoring. `client` gave it the reference; its connection stays open, so that
+    no other client changes the reference meanwhile. Raises DeviceLost, ControlRefused.
     """
     end_s = time.monotonic() + wait_s
     move = "now move the probe over tissue, to and fro, tilting and turning it: the service verifies the reference"
@@ -199,8 +198,8 @@ def await_verification(client: ControlClient, socket: Path, wait_s: float, langu
 
 
 def _not_verified(what: str, language: str, motions: str = "", before: int = 0) -> ControlRefused:
-    """Names the motions that are missing, and how to go back to the reference before; 0 where there is none, or where
-    the service has gone back to it.
+    """Returns an error that names the missing motions, and how to go back to the reference before. `before`: number of
+    that reference; 0 where there is none, or where the service has gone back to it.
     """
     remedy = told("The contact stays open; move the probe over tissue, see its status", language)
     if motions:

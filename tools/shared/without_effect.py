@@ -5,7 +5,7 @@ from click.core import ParameterSource
 
 
 def refuse_typed(options: tuple[str, ...], beside: str) -> None:
-    """Raises UsageError for an option that was given but has no effect beside `beside`."""
+    """Raises UsageError for an option of the command line that has no effect with `beside`."""
     context = click.get_current_context()
     given = [one for one in context.command.params if isinstance(one, click.Option) and one.opts[0] in options]
     for one in given:
