@@ -150,8 +150,9 @@ def _how_to_ask(door: Path | None) -> str:
 
 
 def _called(host: str, others: tuple[str, ...]) -> frozenset[str]:
+    """Returns the names by which browsers may ask for the page, in lower case as `called` gives them."""
     usual = {"localhost", "127.0.0.1", "::1"} if host in ("127.0.0.1", "::1", "localhost") else {host}
-    return frozenset({*usual, *(name.lower() for name in others)})
+    return frozenset(name.lower() for name in (*usual, *others))
 
 
 def _url(host: str, port: int) -> str:

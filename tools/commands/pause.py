@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+from click.core import ParameterSource
 
 from probewatch.appliance.service.control.client import ControlClient
 from probewatch.appliance.supervision.annunciator import Role
@@ -47,6 +48,8 @@ def command(control_socket: Path, seconds: float, reason: str | None, on: bool) 
     """
     if on and reason is not None:
         raise click.UsageError("--on and --off exclude each other")
+    if (on or reason is not None) and _is_typed("seconds"):
+        raise click.UsageError(f"SECONDS has no effect with {'--on' if on else '--off'}; leave it out")
     with ControlClient(control_socket) as client:
         if on:
             client.audio_on()
@@ -63,6 +66,11 @@ def command(control_socket: Path, seconds: float, reason: str | None, on: bool) 
     else:
         told = _paused(status, seconds)
     click.echo(f"{told}{_without_tone(status)}")
+
+
+def _is_typed(name: str) -> bool:
+    """Returns whether the argument of the command was typed."""
+    return click.get_current_context().get_parameter_source(name) is ParameterSource.COMMANDLINE
 
 
 def _paused(status: Mapping[str, Any], seconds: float) -> str:

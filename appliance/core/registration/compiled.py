@@ -1,4 +1,4 @@
-"""Loads the compiled part of the core: `levels.c`, `points.c` and `descent.c`."""
+"""Loads the compiled part of the core: `levels.c`, `points.c`, `descent.c` and `conclusion.c`."""
 
 import ctypes
 from typing import Any
@@ -32,6 +32,6 @@ _NAME = "_compiled_avx2" if cv2.checkHardwareSupport(_CPU_AVX2) else "_compiled"
 try:
     _library: ctypes.CDLL = np.ctypeslib.load_library(_NAME, __file__)
     LAYOUT = tuple((ctypes.c_int32 * 7).in_dll(_library, "layout"))
-    """PARAMETERS, STRIPS, SUMS, LOOKS; sizes of Level, Template, Fit in bytes."""
+    """PARAMETERS, CELLS, SUMS and LOOKS of compiled.h; the sizes of Level, Template and Fit in bytes."""
 except (OSError, ValueError) as missing:
     raise unusable(missing) from missing

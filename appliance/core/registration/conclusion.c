@@ -1,4 +1,4 @@
-/* What the last look of a descent says of the tissue and of the errors; tissue.py says why. */
+/* What the last look of a descent says of the tissue and of the errors; docs/method.md says why. */
 
 #include "compiled.h"
 

@@ -51,6 +51,14 @@ def test_a_pause_of_a_sound_that_is_off_does_not_claim_to_end(tmp_path: Path) ->
     assert "5 s" not in answer.stdout
 
 
+@pytest.mark.parametrize("other", [["--on"], ["--off", "service visit"]], ids=str)
+def test_a_time_beside_what_takes_none_is_refused(tmp_path: Path, other: list[str]) -> None:
+    with _Granting(tmp_path / "control") as service:
+        answer = answered("pause", "30", *other, "--socket", service.path)
+    assert (answer.returncode, service.seconds) == (2, [])
+    assert f"SECONDS has no effect with {other[0]}; leave it out" in answer.stderr
+
+
 class _Testing(Answers):
     """A service with a lamp that is lost."""
 

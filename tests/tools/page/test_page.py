@@ -12,8 +12,10 @@ from typing import Any
 import pytest
 
 from probewatch.drivers.errors import DeviceLost
+from probewatch.tools.commands.page import _called
 from probewatch.tools.page.connection import MOST_LISTENERS
 from probewatch.tools.page.token_socket import invitation
+from probewatch.tools.shared.called_host import called
 from tests.support.answering import Answering
 from tests.support.polling import until
 from tests.support.web_page import WebPage
@@ -162,6 +164,12 @@ def test_the_page_answers_to_its_own_names_alone(web: WebPage, host: str) -> Non
 @pytest.mark.parametrize("host", ["[::1]", "[::1]:9780", "LOCALHOST", "127.0.0.1:1"])
 def test_by_those_it_answers(web: WebPage, host: str) -> None:
     assert asked(web, "GET", "/", Host=host).status == 200
+
+
+@pytest.mark.parametrize("listen", ["Cart", "CART.ward.local", "127.0.0.1"])
+def test_a_name_that_it_listens_on_is_its_own_however_it_is_written(listen: str) -> None:
+    names = _called(listen, ("Ward",))
+    assert {called(f"{listen}:9780"), called(listen.upper()), "ward"} <= names
 
 
 def test_no_other_site_is_given_its_pictures(web: WebPage) -> None:
