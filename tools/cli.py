@@ -1,4 +1,4 @@
-"""The `probewatch` command: finds the subcommand, and turns every known refusal into one line and an exit code."""
+"""Runs the `probewatch` command: finds the subcommand, and turns every known refusal into one line and an exit code."""
 
 import errno
 import importlib
@@ -19,7 +19,7 @@ _REFUSED = {
     **dict.fromkeys((errno.EIO, errno.ESTALE), "Check its disk or its network"),
     **dict.fromkeys((errno.ENAMETOOLONG, errno.ELOOP, errno.ENOTDIR), "Check the path"),
 }
-"""What the system answers of a file that a command did not expect → what to do."""
+"""What the system answers about a file where a command did not expect it → what to do."""
 _COMMANDS = {
     "ack": "acknowledge the alarm",
     "calibration": "the reference in force and its history; compare, go back",
@@ -54,7 +54,7 @@ _COMMANDS = {
 }
 
 CORE_UNUSABLE = "the compiled core "
-"""How the error begins of a core that cannot be loaded; no module of it is imported before a command needs it."""
+"""Beginning of the error of a core that cannot be loaded; no module of it is imported before a command needs it."""
 
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
@@ -76,10 +76,10 @@ def probewatch() -> None:
 
 
 def main() -> None:
-    """Entry point of the console script.
+    """Runs the command, as the entry point of the console script.
 
-    The matrices are small: more than one BLAS thread costs several times the processor time and gains nothing. It must
-    be said before NumPy is imported.
+    The matrices are small: more than one BLAS thread costs several times the processor time and gains nothing. The
+    limit must be set before NumPy is imported.
     """
     for name in _THREADS:
         os.environ.setdefault(name, "1")
@@ -93,7 +93,7 @@ def main() -> None:
     except click.ClickException as error:
         usage_error = importlib.import_module(
             "probewatch.tools.shared.usage_error"
-        )  # what no command needs that is well typed
+        )  # which no valid command line needs
         usage_error.show_usage_error(error, probewatch, sys.argv[1:])
         sys.exit(error.exit_code)
     except OSError as error:
@@ -104,13 +104,13 @@ def main() -> None:
         click.echo(f"probewatch: {error}", err=True)
         sys.exit(os.EX_SOFTWARE)
     except click.Abort as error:
-        word = getattr(error, "word", "stopped")  # of tools.shared.interruption.Stopped
+        word = getattr(error, "word", "stopped")  # set by tools.shared.interruption.Stopped
         click.echo(f"probewatch: {': '.join([word, *map(str, error.args)])}", err=True)
         sys.exit(130)
 
 
 def _end_refused(error: OSError) -> None:
-    """Ends with one line for what the system refuses; raises what is no refusal, which is a defect of a command."""
+    """Ends with one line for what the system refuses; re-raises any other error, which is a defect of a command."""
     if error.errno in EXHAUSTED:
         click.echo(f"probewatch: this computer has no room for it ({error.strerror}); see what else runs", err=True)
         sys.exit(os.EX_OSERR)

@@ -1,5 +1,6 @@
-"""German of what commands say: tables from the English text or its template, and what looks a text up in them.
+"""Holds the German of what commands print: tables from the English text or its template, and the functions that look a
+text up in them.
 
-That of what the service says is in appliance/supervision (`languages`, and `de` in the rows of `faults`), that of the
-page in tools/page/files/german.js.
+The German of what the service states is in appliance/supervision (`languages`, and `de` in the rows of `faults`), that
+of the page in tools/page/files/german.js.
 """

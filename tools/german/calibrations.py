@@ -1,4 +1,4 @@
-"""German of the refusals of calibration files, and of the damages of the history of references."""
+"""Holds the German of the refusals of calibration files, and of the damages of the history of references."""
 
 GERMAN_OF_CALIBRATIONS = {
     # the file

@@ -1,4 +1,4 @@
-"""German of what `probe`, `devices` and a trial of `configure` say of devices. What a device calls itself stays."""
+"""Holds the German of what `probe`, `devices` and trials of `configure` report. The words of a device itself stay."""
 
 from probewatch.tools.german.free_texts import FreeTexts
 from probewatch.tools.german.remarks import GERMAN_OF_REMARKS
@@ -21,7 +21,7 @@ GERMAN_OF_MENDING = {
         "Die Transformation prüfen, die der Sender für dieses Werkzeug rechnet: starr, in mm"
     ),
 }
-"""What to do about a device that gives nothing to use, or less than it could."""
+"""What to do about a device that delivers nothing of use, or less than it could."""
 
 GERMAN_OF_DEVICES = {
     # devices
@@ -134,7 +134,7 @@ _WORDS = {
     "not understood": "nicht verstanden",
     "Measure longer, or look for what delays the line": "Länger messen, oder suchen, was die Leitung verzögert",
 }
-"""Words of this program in a field; what a device or driver says instead stays as it is."""
+"""Words of this program that may fill a field; what a device or driver puts there instead stays as it is."""
 
 
 device_text = FreeTexts(GERMAN_OF_DEVICES, _WORDS).told

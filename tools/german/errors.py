@@ -1,6 +1,8 @@
-"""German of what is refused, and of why a device is lost: what is wrong and what to do, each a text of its own.
+"""Holds the German of what is refused, and of why a device is lost: what is wrong and what to do, each a text of its
+own.
 
-Of an error both are told in German or neither; words of a device or of the system that are not here stay as they are.
+Both texts of an error are given in German or neither; words of a device or of the system that are not here stay as they
+are.
 """
 
 _FREE = "Das andere Programm beenden, dann noch einmal versuchen"

@@ -1,4 +1,4 @@
-"""A table of texts whose fields stand for anything, such as names that people and devices give."""
+"""Defines a table of texts whose fields stand for anything, such as names that people and devices give."""
 
 import re
 from collections.abc import Mapping
@@ -6,21 +6,22 @@ from functools import cached_property
 
 
 class FreeTexts:
-    """A table of one language, from the English text or its template. A field stands for any text; `said` for another
-    text of the table, `meant` for names with "or" between the last two. words: of fields that are one of them.
+    """Represents a table of one language, from the English text or its template. A field stands for any text; `said`
+    for another text of the table, `meant` for names with "or" between the last two. words: the translations of fields
+    that are one of them.
     """
 
     def __init__(self, table: Mapping[str, str], words: Mapping[str, str]) -> None:
         self._table, self._words = table, words
 
     def told(self, text: str, language: str) -> str:
-        """Returns the text in the language; English as a whole where the table has none of the whole of it."""
+        """Returns the text in the language; the whole in English where the table does not have the whole of it."""
         said = None if language == "en" else self.translated(text)
         return text if said is None else said
 
     @cached_property
     def _patterns(self) -> list[tuple[re.Pattern[str], str]]:
-        """Compiled when the first text is looked for: a cart whose language is English needs none."""
+        """Compiles the patterns when the first text is looked for: a cart whose language is English needs none."""
         return [
             (re.compile(re.sub(r"\\{(\w+)\\}", r"(?P<\1>.+?)", re.escape(english))), german)
             for english, german in self._table.items()
@@ -28,7 +29,7 @@ class FreeTexts:
         ]
 
     def translated(self, text: str) -> str | None:
-        """Returns the text in the language; None where the table has none of the whole of it."""
+        """Returns the text in the language; None where the table does not have the whole of it."""
         if text in self._table:
             return self._table[text]
         for pattern, german in self._patterns:
@@ -39,7 +40,7 @@ class FreeTexts:
         return None
 
     def _told(self, fields: Mapping[str, str]) -> dict[str, str] | None:
-        """Returns the fields in the language; None where one has to be a text of the table and is none."""
+        """Returns the fields in the language; None where one has to be a text of the table and is not."""
         said = {name: self.translated(text) if name == "said" else self._word(text) for name, text in fields.items()}
         known = {name: text for name, text in said.items() if text is not None}
         if "meant" in known:

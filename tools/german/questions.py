@@ -1,4 +1,4 @@
-"""German of the questions of `configure`; as `texts`."""
+"""Holds, like `texts`, the German of the questions of `configure`."""
 
 GERMAN_OF_QUESTIONS = {
     "the scanner's picture": "das Bild des Ultraschallgeräts",

@@ -1,4 +1,4 @@
-"""German of what `record` says of the recorder."""
+"""Holds the German of what `record` reports of the recorder."""
 
 from probewatch.tools.german.free_texts import FreeTexts
 

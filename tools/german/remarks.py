@@ -1,4 +1,4 @@
-"""German of what drivers say of their devices. Names, numbers and alerts of a device itself stay."""
+"""Holds the German of what drivers report of their devices. Names, numbers and alerts of a device itself stay."""
 
 GERMAN_OF_REMARKS = {
     # models and tools

@@ -1,4 +1,4 @@
-"""German of what `report` prints, of the pages that it and `trend` write, and of a damaged log; as `texts`."""
+"""Holds, like `texts`, the German of what `report` prints, of the pages of `report` and `trend`, and of a bad log."""
 
 GERMAN_OF_REPORTS = {
     # what is printed

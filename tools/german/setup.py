@@ -1,5 +1,5 @@
-"""German of what `check`, `log`, the dates of a calibration and the questions before a change say of a cart as it was
-set up; as `texts`.
+"""Holds, like `texts`, the German of what `check`, `log`, the dates of a calibration and the questions before a change
+report of a cart as it was set up.
 """
 
 GERMAN_OF_SETUP = {

@@ -1,4 +1,4 @@
-"""German of what `reload`, `self-test`, `trend`, `calibration` and `recalibrate` print: one table, from the
+"""Holds the German of what `reload`, `self-test`, `trend`, `calibration` and `recalibrate` print: one table, from the
 English text or its template.
 """
 

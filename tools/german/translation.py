@@ -1,8 +1,8 @@
-"""Says what commands print in the language of the cart. German comes from `texts`, `setup`, `questions` and `reports`
-of commands, `appliance.supervision.languages` of what the service says, and tools/page/files/german.js of what a scan
-says.
+"""Translates what commands print to the language of the cart. German comes from `texts`, `setup`, `questions` and
+`reports` for commands, from `appliance.supervision.languages` for what the service states, and from
+tools/page/files/german.js for what a scan reports.
 
-JSON, records, options and the names of faults stay English: programs rely on them. So does an error of which not all is
+JSON, records, options and the names of faults stay English: programs rely on them. So does an error that is not wholly
 in `errors` or `calibrations`.
 """
 
@@ -32,16 +32,14 @@ _YES, _NO = ("j", "ja", "y", "yes"), ("n", "nein", "no")
 
 
 def told(text: str, language: str, /, **fields: object) -> str:
-    """Returns a text of the tables, filled in: German unless the language is `en`. Raises KeyError for one that has no
-    translation.
-    """
+    """Returns a text of the tables, filled in: German unless the language is `en`. Raises KeyError for any other."""
     german = _ALL[text]
     return (text if language == "en" else german).format(**fields)
 
 
 def recognised(text: str, language: str) -> str:
-    """Returns what a part of the program has said, in the language; English as a whole where it cannot be told whole in
-    it.
+    """Returns a text that a part of the program made, in the language; all of it in English where it cannot be
+    translated as a whole.
     """
     if language == "en":
         return text
@@ -51,22 +49,22 @@ def recognised(text: str, language: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Speech:
-    """One language, for what says many texts in it."""
+    """Represents one language, for code that words many texts in it."""
 
     language: str
 
     def tell(self, text: str, /, **fields: object) -> str:
-        """As `told`."""
+        """Returns the text as `told` does."""
         return told(text, self.language, **fields)
 
     def recognise(self, text: str) -> str:
-        """As `recognised`."""
+        """Returns the text as `recognised` does."""
         return recognised(text, self.language)
 
 
 @contextmanager
 def refusing_in(language: str) -> Iterator[None]:
-    """What the block refuses is refused in the language, as far as it is known in it."""
+    """Translates the errors that the block raises to the language, as far as they are known in it."""
     try:
         yield
     except ProbewatchError as error:
@@ -77,7 +75,7 @@ def refusing_in(language: str) -> Iterator[None]:
 
 
 def tell_refused(error: ProbewatchError, language: str) -> None:
-    """Puts the error into the language, whole or not at all."""
+    """Translates the error to the language, whole or not at all."""
     said = [_error_text(text, language) for text in (error.what, error.remedy)]
     if language != "en" and None not in said:
         error.what, error.remedy = (text or "" for text in said)
@@ -86,8 +84,8 @@ def tell_refused(error: ProbewatchError, language: str) -> None:
 
 
 def lost_text(text: str, language: str) -> str:
-    """Returns why a device is lost, "where: what. what to do", in the language; English as a whole where it cannot be
-    told whole in it.
+    """Returns why a device is lost, "where: what. what to do", in the language; the whole in English where it cannot be
+    translated whole.
     """
     for colon in re.finditer(": ", text):
         parts = [_error_text(part, language) for part in text[colon.end() :].split(". ", 1)]
@@ -97,8 +95,8 @@ def lost_text(text: str, language: str) -> str:
 
 
 def damage_text(text: str, language: str) -> str:
-    """Returns what is wrong with the alarm log, "file line 3: what", in the language; English as a whole where it
-    cannot be told whole in it.
+    """Returns what is wrong with the alarm log, "file line 3: what", in the language; the whole in English where it
+    cannot be translated whole.
     """
     where, _, what = text.partition(": ")
     said = recognised(what, language)
@@ -109,7 +107,7 @@ def damage_text(text: str, language: str) -> str:
 
 
 def _error_text(text: str, language: str) -> str | None:
-    """Returns one of the two texts of an error in the language; None where it has none in it."""
+    """Returns one of the two texts of an error in the language; None where it has no translation."""
     said = text if not text or language == "en" else _errors().translated(text)
     return None if text and said == text else said
 
@@ -120,7 +118,7 @@ def _errors() -> Texts:
 
 
 def _of_page(text: str) -> str:
-    """Returns the German that the page has for it; the text itself where it has none."""
+    """Returns the German that the page has for the text; the text itself where it has none."""
     table, patterns = _page()
     if text in table:
         return table[text]
@@ -130,13 +128,13 @@ def _of_page(text: str) -> str:
 
 @cache
 def _texts() -> Texts:
-    """Compiled when the first text is recognised: a cart whose language is English needs none."""
+    """Returns the tables, compiled when the first text is recognised: a cart whose language is English needs none."""
     return Texts(_ALL)
 
 
 @cache
 def _page() -> tuple[dict[str, str], list[tuple[re.Pattern[str], str]]]:
-    """The page's table, and what it recognises by a regular expression, with the words to expand."""
+    """Returns the page's table, and the regular expressions that it recognises, with the words to expand."""
     source = _PAGE.read_text(encoding="utf-8")
     whole = re.search(r"const GERMAN = (\{.*?\});", source, re.DOTALL)
     assert whole is not None
@@ -147,8 +145,8 @@ def _page() -> tuple[dict[str, str], list[tuple[re.Pattern[str], str]]]:
 
 
 def confirmed(question: str, language: str, default: bool = False) -> bool:
-    """Asks a person, who answers y or n, or j and n as in German. default: what Enter says. Raises click.Abort at
-    Ctrl-C and at the end of the input.
+    """Asks a person, who answers y or n, or j and n as in German. default: the answer of Enter alone. Raises
+    click.Abort at Ctrl-C and at the end of the input.
     """
     yes, complaint = ("y", "Answer y or n") if language == "en" else ("j", "Bitte j oder n eingeben")
     choice = f"{yes.upper()}/n" if default else f"{yes}/N"

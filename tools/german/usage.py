@@ -1,4 +1,4 @@
-"""German of what click refuses of a command line, and of what the technician's commands refuse of their options."""
+"""Holds the German of what click refuses of a command line, and of what the technician's commands refuse of options."""
 
 from probewatch.tools.german.free_texts import FreeTexts
 
@@ -92,10 +92,10 @@ GERMAN_OF_USAGE = {
     ),
 }
 _WORDS = {"day": "Tag", "week": "Woche", "month": "Monat", "poses": "Posen", "pictures": "Bilder"}
-"""Words of this program in a field."""
+"""Words of this program that may fill a field."""
 _TEXTS = FreeTexts(GERMAN_OF_USAGE, _WORDS)
 
 
 def usage_text(message: str) -> str | None:
-    """Returns the German of a refused command line; None where the table has none of the whole of it."""
+    """Returns the German of a refused command line; None where the table does not have the whole of it."""
     return _TEXTS.translated(" ".join(message.split()))

@@ -1,1 +1,1 @@
-"""What the service sees, sent to OpenIGTLink clients such as 3D Slicer and PLUS; beside the service, never in it."""
+"""Sends what the service sees to OpenIGTLink clients such as 3D Slicer and PLUS; beside the service, never in it."""

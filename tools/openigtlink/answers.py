@@ -1,4 +1,4 @@
-"""What clients may ask, and what they get: GET_… of the protocol, and PLUS's commands. Pure."""
+"""Answers what clients may ask: GET_… of the protocol, and PLUS's commands. Pure."""
 
 import json
 from collections.abc import Callable
@@ -42,15 +42,15 @@ TYPES = (
 
 COMMANDS = ("GetStatus", "GetTransform", "RequestDeviceIds")
 _ASK, _REPLY = "CMD_", "ACK_"
-"""How the device name of a STRING begins that holds a command of PLUS, and that of its answer."""
+"""Prefixes of the device name of a STRING that holds a command of PLUS, and of that of its answer."""
 
 _CALIBRATIONS = {TRANSFORM_NAME: "no calibration is in force", ESTIMATE_NAME: "motion shows no calibration"}
-"""Transforms that are made of the status → why there may be none."""
+"""Transforms that are made from the status → why there may be none."""
 
 
 def answer_to(message: Message, seen: Seen, utc_ns: int, names: Names) -> Message | None:
-    """Returns the answer; None for a message that asks nothing, such as data that a client sends. names: of pictures
-    and poses, for which a client asks through `Asked`. utc_ns: see wording.
+    """Returns the answer; None for a message that asks nothing, such as data that a client sends. names: those of
+    pictures and poses, for which a client asks through `Asked`. utc_ns: see wording.
     """
     version = min(message.version, 2)
     answers: dict[str, Callable[[], Message | None]] = {
@@ -90,7 +90,7 @@ def _only(names: Names) -> str:
 
 
 def _to_command(message: Message, seen: Seen, names: Names) -> Message:
-    """PLUS's newer way: COMMAND is answered by RTS_COMMAND with the same number and name."""
+    """Answers PLUS's newer kind of command: COMMAND is answered by RTS_COMMAND with the same number and name."""
     try:
         command = parse_command(message.content)
     except ProtocolError as error:
@@ -109,7 +109,7 @@ def _to_command(message: Message, seen: Seen, names: Names) -> Message:
 
 
 def _to_words(message: Message, seen: Seen, names: Names) -> Message | None:
-    """PLUS's older way: a STRING of the device CMD_n is answered by one of ACK_n; any other asks nothing."""
+    """Answers PLUS's older kind of command: a STRING of device CMD_n is answered by one of ACK_n, any other is not."""
     if not message.device.startswith(_ASK):
         return None
     try:
@@ -124,7 +124,7 @@ def _to_words(message: Message, seen: Seen, names: Names) -> Message | None:
 
 
 def _obeyed(text: str, name: str, seen: Seen, names: Names) -> tuple[str, bool, str]:
-    """(name of the command, whether it was granted, what is said)."""
+    """Returns (name of the command, whether it was granted, the text of the reply)."""
     try:
         element = xml_of(text.encode(errors="surrogateescape")) if text else None
     except ValueError as error:

@@ -1,4 +1,4 @@
-"""Which pictures and poses a client has asked for: all from now on, or the next one. Pure."""
+"""Tracks which pictures and poses a client has asked for: all from now on, or the next one. Pure."""
 
 from typing import NamedTuple
 
@@ -7,26 +7,28 @@ from probewatch.drivers.openigtlink.message import Message
 from probewatch.tools.openigtlink.replies import refusal, reply
 
 _ONCE_S = 5.0
-"""For which one who asked for the next picture or pose waits, until it is answered that none comes: as long as a client
-of the feed waits for its first word. Not measured."""
+"""Seconds for which a request for the next picture or pose waits before it is answered that none comes: as long as a
+client of the feed waits for its first message. Not measured."""
 
 _GRANTED, _DENIED = b"\0", b"\1"
-"""Of RTS_…, by the specification."""
+"""Content of RTS_…, by the specification."""
 
 
 class Names(NamedTuple):
-    """Device names of what is passed through. pose: of the transform sensor → tracker."""
+    """Names the devices of what is passed through. pose: that of the transform sensor → tracker."""
 
     image: str
     pose: str
 
 
 USUAL_NAMES = Names("Image", "ProbeToTracker")
-"""In PLUS's manner."""
+"""Names as PLUS gives them."""
 
 
 class Asked:
-    """streams: types that come until it says stop, IMAGE and TRANSFORM. started: those of them that it asked for."""
+    """Tracks the requests of one client. streams: types that are sent until the client stops them, IMAGE and TRANSFORM.
+    started: those of them that it started itself.
+    """
 
     def __init__(self, names: Names, streams: frozenset[str] = frozenset()) -> None:
         self.names, self.streams, self.started = names, streams, frozenset[str]()
@@ -34,11 +36,11 @@ class Asked:
 
     @property
     def kinds(self) -> frozenset[str]:
-        """Types that it waits for now."""
+        """Returns the types that the client waits for now."""
         return self.streams | self._once.keys()
 
     def concerns(self, message: Message) -> bool:
-        """Whether it asks for pictures or poses. GET_TRANS of any other name asks for a calibration."""
+        """Returns whether a message asks for pictures or poses. GET_TRANS of any other name asks for a calibration."""
         command, _, what = message.kind.partition("_")
         if command == "GET" and _KINDS.get(what) == "TRANSFORM":
             return message.device == self.names.pose
@@ -65,11 +67,11 @@ class Asked:
         return reply(message, f"RTS_{what}", _GRANTED if granted else _DENIED)
 
     def given(self, kind: str) -> None:
-        """One of them was put to it."""
+        """Records that data of this type were queued for the client."""
         self._once.pop(kind, None)
 
     def overdue(self, now_s: float) -> tuple[str, ...]:
-        """Device names of what it asked for once and that did not come; it is waited for no longer."""
+        """Returns the device names of what was asked for once and did not come, which is waited for no longer."""
         late = tuple(kind for kind, until_s in self._once.items() if now_s > until_s)
         for kind in late:
             del self._once[kind]
@@ -77,10 +79,10 @@ class Asked:
 
 
 _KINDS = {"IMAGE": "IMAGE", "TRANS": "TRANSFORM", "TRANSFORM": "TRANSFORM"}
-"""How questions name a type → the type, by the specification and as PLUS writes it."""
+"""Names by which questions state a type → the type, by the specification and as PLUS writes it."""
 
 
 def nothing_comes(device: str, why: str, version: int) -> Message:
-    """That neither pictures nor poses come at present; never OK."""
+    """Returns the STATUS which reports that neither pictures nor poses come at present; its code is never OK."""
     text = why or "the service hands on none"
     return Message("STATUS", device, Status(NOT_PRESENT, 0, "nothing comes", text).content, version=version)

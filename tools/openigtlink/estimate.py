@@ -1,4 +1,4 @@
-"""The calibration as motion shows it now: the reference in force, changed by what the checks measure. Pure."""
+"""Computes the calibration as motion shows it now: the reference in force, changed by what the checks measure. Pure."""
 
 from typing import Any, NamedTuple
 
@@ -11,7 +11,9 @@ from probewatch.tools.shared.stated_change import stated_change
 
 
 class Estimate(NamedTuple):
-    """matrix: (4, 4) ImageToProbe, px → mm. measured: names of the parameters that are; the rest is the reference's."""
+    """Holds the estimate. matrix: (4, 4) ImageToProbe, px → mm. measured: names of the parameters that are measured;
+    the others are those of the reference.
+    """
 
     matrix: Matrix4
     measured: tuple[str, ...]
@@ -19,7 +21,7 @@ class Estimate(NamedTuple):
 
 def estimate_of(status: dict[str, Any]) -> Estimate | None:
     """Returns the estimate of the calibration; None while there is no reference, while nothing is measured, and while
-    the picture is mirrored against the reference, because the estimate is no change of it then.
+    the picture is mirrored against the reference, because the estimate is then not a change of the reference.
     """
     reference = status["reference"]
     checks = {check["name"]: check for check in status["checks"]}

@@ -1,4 +1,4 @@
-"""The newest pictures and poses of the service's feed, read by a thread of its own, and only while somebody asks."""
+"""Keeps the newest pictures and poses of the service's feed, which a thread reads only while a client asks for them."""
 
 import os
 import threading
@@ -16,22 +16,24 @@ from probewatch.tools.shared.feed import Feed
 from probewatch.tools.shared.threaded import Threaded
 
 _MOST_POSES = 64
-"""That wait for the server, a second of 60 Hz: then the oldest go. More hands on what is late, less loses some while a
-picture is being sent."""
+"""Poses that wait for the server, a second at 60 Hz: beyond that the oldest are dropped. More hands on what is late,
+less loses some while a picture is being sent."""
 
 _AGAIN_S = 0.5
-"""Before a service that offers nothing is asked again, and until it is noticed that nobody asks any more."""
+"""Seconds before a service that offers nothing is asked again, and until it is noticed that no client asks any more."""
 
 
 class Wanted(NamedTuple):
-    """What clients have asked for."""
+    """Holds what clients have asked for."""
 
     pictures: bool = False
     poses: bool = False
 
 
 class Passage(Threaded):
-    """feed: socket of the service. say: for the journal. trouble: why nothing comes, in words; empty while it does."""
+    """Reads the feed in a thread. feed: socket of the service. say: writes to the journal. trouble: why nothing comes,
+    in words; empty while it does.
+    """
 
     def __init__(self, feed: Path, say: Callable[[str], None]) -> None:
         self._feed, self._say = feed, say
@@ -44,7 +46,7 @@ class Passage(Threaded):
         self.trouble = ""
 
     def close(self) -> None:
-        """See Closable."""
+        """Ends the thread, and closes its descriptors."""
         self._ended = True
         self._changed.set()
         self._thread.join()
@@ -52,17 +54,17 @@ class Passage(Threaded):
         os.close(self._write_fd)
 
     def fileno(self) -> int:
-        """Can be read from when something has come."""
+        """Returns a descriptor that is readable when something has come."""
         return self._read_fd
 
     def want(self, wanted: Wanted) -> None:
-        """Set what is wanted from now on; the feed is left alone while nothing is."""
+        """Sets what is wanted from now on; the feed is left alone while nothing is."""
         before, self._wanted = self._wanted, wanted
         if (any(before), before.pictures) != (any(wanted), wanted.pictures):
             self._changed.set()
 
     def take(self) -> tuple[Frame | Pose, ...]:
-        """What has come since, of pictures the last one alone, in the order of their times."""
+        """Returns the samples since the last call, in the order of their times; of pictures the last one alone."""
         with suppress(BlockingIOError):
             os.read(self._read_fd, 1 << 12)
         found: list[Frame | Pose] = []
@@ -77,7 +79,7 @@ class Passage(Threaded):
     def _run(self) -> None:
         while True:
             self._changed.clear()
-            if self._ended:  # looked at after the event is cleared, or the end might be missed
+            if self._ended:  # checked after the event is cleared, or the end might be missed
                 return
             wanted = self._wanted
             if not any(wanted):
@@ -101,7 +103,9 @@ class Passage(Threaded):
                     os.write(self._write_fd, b"\0")
 
     def _keep(self, message: FeedMessage) -> bool:
-        """Whether it is worth waking the server. Poses that are none stay here: clients may not know how to ask."""
+        """Keeps a sample, and returns whether it is worth waking the server. Poses without a matrix are dropped:
+        clients may not know how to recognise them.
+        """
         if not isinstance(message, Taken):
             return False
         sample = message.sample

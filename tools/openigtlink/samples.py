@@ -1,4 +1,4 @@
-"""Pictures and poses of the service as IMAGE and TRANSFORM, with the time at which they were true. Pure."""
+"""Converts pictures and poses of the service to IMAGE and TRANSFORM, with the time at which they were true. Pure."""
 
 from probewatch.drivers.openigtlink.content import transform_content
 from probewatch.drivers.openigtlink.image import Image
@@ -7,11 +7,13 @@ from probewatch.drivers.samples import Frame, Pose
 from probewatch.tools.openigtlink.asked import Names
 
 _NUMBERS = 1 << 32
-"""Of messages, by the specification."""
+"""Number of different message numbers, by the specification."""
 
 
 def sample_message(sample: Frame | Pose, names: Names, utc_ns: int, version: int, simulated: bool) -> Message:
-    """A pose must have a matrix. utc_ns: nanoseconds since 1970 UTC at CLOCK_MONOTONIC 0."""
+    """Returns the message of a picture or a pose; a pose must have a matrix. utc_ns: nanoseconds since 1970 UTC at
+    CLOCK_MONOTONIC 0.
+    """
     if isinstance(sample, Frame):
         kind, device, content = "IMAGE", names.image, _picture(sample)
     else:
@@ -24,8 +26,8 @@ def sample_message(sample: Frame | Pose, names: Names, utc_ns: int, version: int
 
 
 def _picture(frame: Frame) -> bytes:
-    """Its axes are columns and rows, in pixels, with the middle of the first pixel at the origin, so that ImageToProbe
-    belongs before it. The message places a picture by its middle.
+    """Returns the content of IMAGE. The axes are columns and rows, in pixels, with the middle of the first pixel at the
+    origin, so that ImageToProbe belongs before it. The message places a picture by its middle.
     """
     rows, columns = frame.image.shape
     matrix = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, (columns - 1) / 2, (rows - 1) / 2, 0.0)

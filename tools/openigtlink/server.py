@@ -1,4 +1,4 @@
-"""The OpenIGTLink server: any number of clients up to a bound, none of which can hold up another, or the service."""
+"""Serves OpenIGTLink to any number of clients up to a bound, none of which can hold up another, or the service."""
 
 import selectors
 import socket
@@ -24,53 +24,55 @@ from probewatch.tools.shared.called_host import endpoint_text
 from probewatch.tools.shared.status_watch import Seen, StatusWatch
 
 _MOST_CLIENTS = 32
-"""At once; for the next one a client leaves that has started no stream, else it is sent away. Each costs a descriptor,
-a buffer and some 0.1 ms in a round. Not measured."""
+"""Clients at once; to admit another one, a client that has started no stream is disconnected, else the new one is. Each
+costs a descriptor, a buffer and some 0.1 ms in a round. Not measured."""
 
 _SETTLED_S = 5.0
-"""For which who has started no stream keeps the place though others wait for one. 3D Slicer starts none either, and
-comes again: less sends it away sooner where a crowd comes and comes, more keeps it waiting before a crowd that stays.
+"""Seconds for which a client that has started no stream keeps its place though others wait for one. 3D Slicer starts
+none either, and reconnects: less disconnects it sooner where many clients keep connecting, more keeps it waiting where
+many stay connected.
 """
 
 _MOST_UNSENT = 1 << 18
-"""Bytes that wait for a client which asks and does not read; then it is dropped. More takes memory, less drops one that
-asks much at once: 60 whole answers."""
+"""Bytes that wait for a client which asks and does not read; beyond that it is dropped. More takes memory, less drops
+one that asks much at once: 60 whole answers."""
 
 _ASLEEP_S = 10.0
-"""For a client to take what was put to it; then it is dropped. Less drops one that a busy computer has stopped, more
-keeps a place for nobody."""
+"""Seconds for a client to take what was queued for it; then it is dropped. Less drops one that a busy computer has
+stopped, more keeps a place for nobody."""
 
 _LONGEST_BODY = 8192
 """Bytes of a question: a command and its metadata. Longer ones are passed over, as data that nobody asked for."""
 
 _SEND_BUFFER = 1 << 15
-"""Bytes that the kernel keeps for a client: a slow one finds old words there, so that few are better. Less than a round
-of messages, 5 kB, would never let one out whole."""
+"""Bytes that the kernel keeps for a client: a slow one finds old messages there, so that few are better. Less than a
+round of messages, 5 kB, would never let one out whole."""
 
 _MOST_VIEWERS = 8
 """Clients that are shown pictures at once, as many as the feed serves; the next one is refused in words. Each takes a
 copy of 9 MB a second at 640 x 480 and 30 Hz."""
 
 _VIEWER_BUFFER = 1 << 18
-"""As _SEND_BUFFER, of one who is shown pictures. The kernel doubles it, so that one of 640 x 480 leaves in one turn;
-one who reads slowly finds the words before it that much older."""
+"""Bytes as _SEND_BUFFER, for a client that is shown pictures. The kernel doubles it, so that a picture of 640 x 480
+leaves in one turn; a client that reads slowly finds the messages before it that much older."""
 
 _STATE_EVERY_S = 1.0
-"""Between two STRING and TRANSFORM while nothing changes: a reader's pace. STATUS goes out in every round."""
+"""Seconds between two STRING and TRANSFORM while nothing changes: a reader's pace. STATUS is sent in every round."""
 
 _MOST_TOLD = 100
 """Lines of the journal about what clients send wrongly, since the start. More lets a network of strangers fill it; less
-is silent of the next client. Not measured."""
+is silent about the next client. Not measured."""
 
 _READ_BYTES, _QUESTIONS = 1 << 14, 8
-"""Taken from a client, and answered, in one turn, so that one who floods waits for the others: an answer takes some
-0.1 ms. Fewer take more turns for a client that asks everything at once."""
+"""Bytes taken from a client, and questions answered, in one turn, so that one that floods the server waits for the
+others: an answer takes some 0.1 ms. Fewer take more turns for a client that asks everything at once."""
 
 
 class _Client:
-    """version: of the headers it understands: 1 until it has shown a later one. asked: of pictures and poses. damage:
-    questions that came damaged, until they are answered. due: a round has passed it over. trouble: what was told it
-    last of their absence. spoke_s: when it asked last, or came.
+    """Holds one connection. version: that of the headers which the client understands: 1 until it has shown a later
+    one. asked: its requests for pictures and poses. damage: questions that came damaged, until they are answered. due:
+    whether a round has passed it over. trouble: the reason it was last given why none of them come. spoke_s: when it
+    last asked, or connected.
     """
 
     def __init__(self, line: socket.socket, address: str, asked: Asked) -> None:
@@ -86,7 +88,7 @@ class _Client:
         self.sent_s = 0.0
 
     def hear(self) -> list[Message]:
-        """Raises OSError when it is gone, ProtocolError when it cannot be followed."""
+        """Returns the questions that have come. Raises OSError if the client is gone, ProtocolError for bad bytes."""
         if not self.stream.waiting:
             data = self.line.recv(_READ_BYTES)
             if not data:
@@ -134,7 +136,7 @@ class _Client:
         self.asked.given(kind)
 
     def flush(self) -> None:
-        """Raises OSError, also for a client that has taken nothing for too long."""
+        """Sends what is queued. Raises OSError, also for a client that has taken nothing for too long."""
         with suppress(BlockingIOError):
             while self.unsent:
                 del self.unsent[: self.line.send(self.unsent)]
@@ -146,10 +148,10 @@ class _Client:
 class StateServer(Closable):
     """Listens from construction until the context is left. address: (host, port), the port chosen if 0 was given.
 
-    every_s: between two rounds. passage: of pictures and poses, under names, to who asks, or to everybody who comes
-    where unasked. turned_away, dropped: clients without a place, or who had to leave it; clients that did not read,
-    broke off or sent what is not OpenIGTLink. damaged: questions that came so. say: for the journal, once of each
-    address and kind of damage.
+    every_s: the time between two rounds. passage: the source of pictures and poses, which are sent under names to
+    clients that ask, or, where unasked, to every client. turned_away, dropped: numbers of clients that found no place
+    or had to leave it, and of clients that did not read, disconnected or sent what is not OpenIGTLink. damaged: the
+    number of questions that came damaged. say: writes to the journal, once for each address and kind of damage.
     """
 
     def __init__(
@@ -177,13 +179,13 @@ class StateServer(Closable):
         self.address: tuple[str, int] = self._door.getsockname()[:2]
 
     def close(self) -> None:
-        """See Closable."""
+        """Closes the listening socket and every connection."""
         self._door.close()
         for client in self._clients:
             client.line.close()
 
     def run(self, stop: Event) -> None:
-        """Serve until stop is set."""
+        """Serves until stop is set."""
         next_s = time.monotonic()
         while not stop.is_set():
             self._serve(max(0.0, next_s - time.monotonic()))
@@ -195,7 +197,9 @@ class StateServer(Closable):
             self._passage.want(Wanted("IMAGE" in kinds, "TRANSFORM" in kinds))
 
     def _round(self) -> None:
-        """STATUS to everybody, the rest to whom it is new. Who has not taken the last round is passed over."""
+        """Sends STATUS to every client, the rest to those to which it is new. A client that has not taken the last
+        round is passed over.
+        """
         seen, utc_ns = self._watch.seen(), _utc_ns()
         for client in tuple(self._clients):
             self._for_client(client, lambda client: self._send_state(client, seen, utc_ns))
@@ -215,7 +219,7 @@ class StateServer(Closable):
         client.flush()
 
     def _complain(self, client: _Client) -> None:
-        """Complain of pictures and poses that it has asked for and that do not come."""
+        """Reports pictures and poses that the client has asked for and that do not come."""
         trouble = self._passage.trouble
         late = client.asked.overdue(time.monotonic())
         if client.asked.streams and trouble and trouble != client.trouble:
@@ -225,7 +229,7 @@ class StateServer(Closable):
             client.put(nothing_comes(device, trouble, client.version))
 
     def _hand_on(self) -> None:
-        """Hand it to the clients that asked for it. One that has not taken the last picture is not given another."""
+        """Sends new samples to the clients that asked for them. One that has not taken the last picture is left out."""
         for sample in self._passage.take():
             self._show_all(sample)
 
@@ -236,7 +240,7 @@ class StateServer(Closable):
                 self._for_client(client, lambda client: self._show(client, kind, sample, made))
 
     def _show(self, client: _Client, kind: str, sample: Frame | Pose, made: dict[int, bytes]) -> None:
-        """The state goes first, where it waits. made: the sample as it is sent, by header version."""
+        """Sends a sample to one client, after the state if that waits. made: the sample as sent, by header version."""
         client.flush()
         seen, utc_ns = self._watch.seen(), _utc_ns()
         if client.due and not client.unsent:
@@ -286,8 +290,9 @@ class StateServer(Closable):
             self._watch.want(len(self._clients))
 
     def _make_room(self, address: str) -> bool:
-        """Who has started no stream leaves, of the address of which most are here, who has been quiet longest. Where
-        there is nobody of that kind, one leaves of an address of which two more are here than of the one that waits.
+        """Disconnects a client and returns whether there was one to disconnect: one that has started no stream, of the
+        address from which most are connected, the one that has been quiet longest. Where there is none of that kind, it
+        takes one of an address from which two more are connected than from that of the client that waits.
         """
         held = Counter(one.address for one in self._clients)
         settled_s = time.monotonic() - _SETTLED_S
@@ -313,7 +318,7 @@ class StateServer(Closable):
         client.flush()
 
     def _tell(self, client: _Client, error: ProtocolError, words: str, remedy: str) -> None:
-        """Once of each address and kind of damage: a client that comes again and again fills no journal."""
+        """Reports damage once for each address and kind: a client that keeps reconnecting does not fill the journal."""
         if len(self._told) < _MOST_TOLD and (client.address, words) not in self._told:
             self._told.add((client.address, words))
             self._say(f"the client {client.address} {words}: {error.what}. {remedy}")
@@ -345,7 +350,7 @@ def _is_question(header: Header) -> bool:
 
 
 def _news(seen: Seen) -> tuple[object, ...]:
-    """What a change of makes worth telling at once."""
+    """Returns the part of the status of which a change is sent at once."""
     status = seen.status
     if status is None:
         return (None,)
@@ -354,5 +359,5 @@ def _news(seen: Seen) -> tuple[object, ...]:
 
 
 def _utc_ns() -> int:
-    """Nanoseconds since 1970 UTC at CLOCK_MONOTONIC 0, by the clock of the computer now."""
+    """Returns nanoseconds since 1970 UTC at CLOCK_MONOTONIC 0, by the clock of the computer now."""
     return time.time_ns() - time.monotonic_ns()

@@ -1,4 +1,4 @@
-"""The status of the service in the words of OpenIGTLink. Pure; one STATUS, one STRING, two TRANSFORMs.
+"""Translates the status of the service to OpenIGTLink: one STATUS, one STRING, two TRANSFORMs. Pure.
 
 STATUS has code OK only while the contact is commanded closed and every contact output has taken that; everything else,
 silence of the service included, is an error.
@@ -53,19 +53,19 @@ _SAID = ("state", "text", "remedy", "fault", "reason", "latched", "acknowledged"
          "verification_age_s", "simulated", "fps")  # fmt: skip
 _MEASURED = ("name", "value", "sigma", "unit", "limit", "ratio", "verdict", "shown_age_s")
 _HOW_SHOWN = ("max_age_s", "shown", "carried")
-"""Of the checks of the line besides, as far as this version of the service sends them."""
+"""Further fields of the line's checks, as far as this version of the service sends them."""
 _MOST_BYTES = 60_000
-"""Of a STRING, which counts to 65,535. The usual one has 4000."""
+"""Bytes of a STRING, which can hold 65,535. The usual one has 4000."""
 
 
 def is_closed(status: dict[str, Any]) -> bool:
-    """Whether the contact is closed, as commanded and as taken by every contact output."""
+    """Returns whether the contact is closed, as commanded and as taken by every contact output."""
     contacts = [output["energised"] for output in status["outputs"] if output["signal"] == "contact"]
     return status["energised"] is True and bool(contacts) and all(taken is True for taken in contacts)
 
 
 def status_of(seen: Seen) -> Status:
-    """STATUS. Its name is the state."""
+    """Returns the content of STATUS. Its name is the state."""
     status = seen.status
     if status is None:
         return Status(TIMEOUT, 0, "service silent", f"the service does not answer: {seen.silence}")
@@ -78,7 +78,7 @@ def status_of(seen: Seen) -> Status:
 
 
 def fields_of(seen: Seen) -> dict[str, Any]:
-    """What STRING holds as JSON."""
+    """Returns what STRING holds as JSON."""
     status = seen.status
     if status is None:
         return _facts(seen)
@@ -107,12 +107,12 @@ def _facts(seen: Seen) -> dict[str, Any]:
 
 
 def status_message(seen: Seen, utc_ns: int, version: int = 1, number: int = 0) -> Message:
-    """utc_ns: nanoseconds since 1970 UTC at CLOCK_MONOTONIC 0."""
+    """Returns STATUS. utc_ns: nanoseconds since 1970 UTC at CLOCK_MONOTONIC 0."""
     return _message("STATUS", STATUS_NAME, status_of(seen).content, seen, utc_ns, version, number)
 
 
 def state_message(seen: Seen, utc_ns: int, version: int = 1, number: int = 0) -> Message:
-    """STRING with everything, as JSON in ASCII, which every client can read."""
+    """Returns STRING with everything, as JSON in ASCII, which every client can read."""
     fields = fields_of(seen)
     text = json.dumps(fields)
     if len(text) > _MOST_BYTES:
@@ -121,7 +121,7 @@ def state_message(seen: Seen, utc_ns: int, version: int = 1, number: int = 0) ->
 
 
 def transform_message(seen: Seen, utc_ns: int, version: int = 1, number: int = 0) -> Message | None:
-    """TRANSFORM of the reference in force; None while there is none."""
+    """Returns TRANSFORM of the reference in force; None while there is none."""
     reference = None if seen.status is None else seen.status["reference"]
     if reference is None:
         return None
@@ -130,7 +130,9 @@ def transform_message(seen: Seen, utc_ns: int, version: int = 1, number: int = 0
 
 
 def estimate_message(seen: Seen, utc_ns: int, version: int = 1, number: int = 0) -> Message | None:
-    """TRANSFORM of the calibration as motion shows it; None while it shows nothing. Its metadata name what is."""
+    """Returns TRANSFORM of the calibration as motion shows it; None while it shows nothing. Its metadata name the
+    parameters that are measured.
+    """
     estimate = None if seen.status is None else estimate_of(seen.status)
     if estimate is None:
         return None
@@ -141,7 +143,7 @@ def estimate_message(seen: Seen, utc_ns: int, version: int = 1, number: int = 0)
 
 
 def metadata_of(seen: Seen) -> tuple[Entry, ...]:
-    """Metadata of every message of header version 2."""
+    """Returns the metadata of every message of header version 2."""
     fields, status = _facts(seen), status_of(seen)
     age_s = fields.get("verification_age_s")
     told = {

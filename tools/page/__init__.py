@@ -1,1 +1,1 @@
-"""The web page of the cart: its status for everybody in the room, and the live recalibration for who holds a token."""
+"""Serves the web page of the cart: its status for all in the room, live recalibration for those who hold a token."""

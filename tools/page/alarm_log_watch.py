@@ -1,4 +1,4 @@
-"""The past from the alarm log on the disk, read again when the state has changed, and not while nobody asks."""
+"""Reads the past from the alarm log on the disk, again when the state has changed, and not while no browser asks."""
 
 import time
 from pathlib import Path
@@ -8,11 +8,11 @@ from probewatch.appliance.storage.alarm_chain import read_log
 from probewatch.tools.page.past import hour, last_states
 
 _EVERY_S = 5.0
-"""Between two readings at most: one of 40,000 entries takes .3 s of the processor. Not measured on a cart."""
+"""Seconds between two readings at least: one of 40,000 entries takes .3 s of the processor. Not measured on a cart."""
 
 
 class AlarmLogWatch:
-    """folder: of the alarm log, [alarm] folder; None where nobody said."""
+    """Watches the alarm log. folder: that of the log, [alarm] folder; None where it was not stated."""
 
     def __init__(self, folder: Path | None) -> None:
         self._folder = folder
@@ -21,8 +21,8 @@ class AlarmLogWatch:
         self._known = _nothing("")
 
     def fields(self, of: object) -> dict[str, Any]:
-        """entries, the newest first; hour, its stretches; and why there are none. of: what must have changed before
-        the log is read again.
+        """Returns entries, the newest first; hour, its stretches; and trouble, why there are none. of: what must have
+        changed before the log is read again.
         """
         now_s = time.monotonic()
         if of != self._of and now_s - self._read_s >= _EVERY_S:

@@ -1,4 +1,4 @@
-"""What a person with a token asks of the service from the page: acknowledge, silence, sound, lamp test."""
+"""Sends the service what a person with a token requests on the page: acknowledge, silence, sound, lamp test."""
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -6,7 +6,7 @@ from pathlib import Path
 from probewatch.appliance.service.control.client import ControlClient
 
 _SILENCE_S = 120.0
-"""The longest that the service grants; whoever needs longer says why, with `probewatch pause --off`."""
+"""Longest silence that the service grants, s; whoever needs longer states why, with `probewatch pause --off`."""
 REQUESTS: Mapping[str, Callable[[ControlClient, str], object]] = {
     "acknowledge": lambda client, why: client.acknowledge(why),
     "silence": lambda client, why: client.pause_audio(_SILENCE_S, why),
@@ -16,12 +16,12 @@ REQUESTS: Mapping[str, Callable[[ControlClient, str], object]] = {
 
 
 class Asking:
-    """control: socket of the service."""
+    """Sends requests to the service. control: socket of the service."""
 
     def __init__(self, control: Path) -> None:
         self._control = control
 
     def ask(self, what: str, who: str) -> None:
-        """One of REQUESTS. who: asked for the token; the alarm log keeps it. Raises ProbewatchError."""
+        """Sends one of REQUESTS. who: the user who asked for the token, for the alarm log. Raises ProbewatchError."""
         with ControlClient(self._control) as client:
             REQUESTS[what](client, f"on the page, with a token of {who}")

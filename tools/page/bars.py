@@ -1,4 +1,4 @@
-"""Each of the ten quantities as a bar against its limit, its value rounded to its sigma. Pure."""
+"""Describes each of the ten quantities as a bar against its limit, its value rounded to its sigma. Pure."""
 
 from collections.abc import Mapping, Sequence
 from math import floor, log10
@@ -10,17 +10,17 @@ from probewatch.appliance.types import Fault
 from probewatch.tools.page.wording import figures
 
 NAMES = (Fault.POLARITY.value, *MEASURED)
-"""Of the rows, in their order."""
+"""Names of the rows, in their order."""
 _FINEST = 1000
-"""Parts of the limit below which no figure is shown: a sigma that small is none, and a value that small is 0. More
+"""Parts of the limit below which no figure is shown: a smaller sigma counts as none, and a smaller value as 0. More
 shows figures that nobody can use."""
 
 Row = dict[str, Any]
 
 
 def bars(checks: Sequence[Mapping[str, Any]], language: str) -> list[Row]:
-    """A row for each of NAMES, also where nothing is known of it: title, text, limit, share and sigma_share (of the
-    limit, signed; None where not known), mark (shown, carried, missing, wrong), age_s, max_age_s.
+    """Returns a row for each of NAMES, also where nothing is known of it: title, text, limit, share and sigma_share (of
+    the limit, signed; None where not known), mark (shown, carried, missing, wrong), age_s, max_age_s.
     """
     known = {check["name"]: check for check in checks}
     return [_row(name, known.get(name), language) for name in NAMES]
@@ -46,7 +46,7 @@ def _row(name: str, check: Mapping[str, Any] | None, language: str) -> Row:
 def _mark(check: Mapping[str, Any]) -> str:
     if check["verdict"] == "FAULT":
         return "wrong"
-    if check.get("carried"):  # whatever the present motion says of it, short of a fault
+    if check.get("carried"):  # whatever the present motion shows, short of a fault
         return "carried"
     return "missing" if check["verdict"] != "OK" or check.get("shown") == "missing" else "shown"
 
@@ -58,13 +58,13 @@ def _text(name: str, value: float, sigma: float | None, unit: str, limit: float,
 
 
 def _with_unit(figure: str, unit: str, language: str) -> str:
-    """The value with its unit and the decimal sign of the language."""
+    """Returns the value with its unit and the decimal sign of the language."""
     return figures(figure, language) + ("°" if unit == "deg" else f" {unit}")
 
 
 def rounded(value: float, sigma: float | None, limit: float) -> str:
-    """The value to the last figure that its sigma lets stand, and the sigma to one figure, two where it begins with 1;
-    without a sigma, to a thousandth of the limit at most.
+    """Returns the value to the last figure that its sigma justifies, and the sigma to one figure, two where it begins
+    with 1; without a sigma, to a thousandth of the limit at most.
     """
     finest = limit / _FINEST
     if sigma is None or sigma < finest:
@@ -76,7 +76,7 @@ def rounded(value: float, sigma: float | None, limit: float) -> str:
 
 
 def _figure(value: float, places: int) -> str:
-    """The figure without a sign before 0, and with a minus as long as a digit."""
+    """Returns the figure without a sign before 0, and with a minus as long as a digit."""
     text = f"{round(value, places):.{max(places, 0)}f}"
     negative = text.startswith("-") and any(sign in text for sign in "123456789")
     return ("\u2212" if negative else "") + text.removeprefix("-")

@@ -1,6 +1,6 @@
-"""One connection to the page: who asks nothing, or takes nothing, for some seconds loses the place; at once, where all
-places are taken. Where all wait for an answer, the address that has most places gives one of them; each address is
-answered only so often.
+"""Handles one connection to the page. A client that asks nothing, or takes nothing, for some seconds loses its place;
+at once, where all places are taken. Where all wait for an answer, the address that has most places gives up one of
+them; the answers to each address are limited in rate.
 """
 
 import asyncio
@@ -12,26 +12,26 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 from probewatch.tools.page.pace import Pace
 
 MOST_AT_ONCE = 64
-"""Connections: six of each of eight browsers, and some. More takes memory from the cart."""
+"""Connections at once: six of each of eight browsers, and some. More takes memory from the cart."""
 EVENTS = "/events"
 """Path of the stream that sends a page its status."""
 MOST_LISTENERS = 16
-"""Browsers that are sent events at once; each costs some 30 kB/s. For one more, one of an address that has two more is
-sent away, else it is asked to come later."""
+"""Browsers that are sent events at once; each costs some 30 kB/s. To admit one more, one of an address that has two
+more is disconnected, else the new one is asked to come later."""
 _PICTURES_HZ = 10.0
-"""Of one browser: tools/page/pictures.py."""
+"""Pictures a second of one browser: tools/page/pictures.py."""
 _SILENT_S = 5.0
-"""For a client to have sent a whole request. Less drops one on a busy computer; more keeps a place for nobody."""
+"""Seconds for a client to send a whole request. Less drops one on a busy computer; more keeps a place for nobody."""
 _ASLEEP_S = 10.0
-"""For a client to take what waits for it, so that less than 64 KiB are left. Less drops a slow network; more keeps a
-place for nobody."""
+"""Seconds for a client to take what waits for it, so that less than 64 KiB are left. Less drops a slow network; more
+keeps a place for nobody."""
 
 
 class Connection(H11Protocol):
-    """uvicorn's, whose own deadline begins with the first answer and ends with the next byte.
+    """Extends uvicorn's connection, whose own deadline begins with the first answer and ends with the next byte.
 
-    pace: of all connections; an address may have all browsers behind it that are told events, with their pictures.
-    most: connections at once. uvicorn's own limit counts the tasks of those that were sent away as well.
+    pace: that of all connections; all browsers that are sent events, with their pictures, may share one address. most:
+    connections at once. uvicorn's own limit also counts the tasks of those that were disconnected.
     """
 
     most = MOST_AT_ONCE
@@ -47,26 +47,26 @@ class Connection(H11Protocol):
 
     @property
     def address(self) -> str:
-        """Address of the other end."""
+        """Returns the address of the other end."""
         return "" if self.client is None else self.client[0]
 
     @property
     def asks(self) -> bool:
-        """Waits for an answer."""
+        """Returns whether it waits for an answer."""
         return self.cycle is not None and not self.cycle.response_complete
 
     @property
     def keeps_place(self) -> bool:
-        """Whether it has sent a whole request; one that sends the head of it, and no body, has not."""
+        """Returns whether it has sent a whole request; one that has sent the head of it, and no body, has not."""
         return self.asks and not self.cycle.more_body
 
     @property
     def listens(self) -> bool:
-        """Note that it is sent events, which do not end."""
+        """Returns whether it is sent events, which do not end."""
         return self.asks and self.scope["path"] == EVENTS
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]  # as uvicorn has it
-        """Who has nothing to say makes room for it."""
+        """Begins the deadline, and drops a connection where there are too many."""
         super().connection_made(transport)
         self._allow(_SILENT_S)
         self._make_room()
@@ -79,7 +79,7 @@ class Connection(H11Protocol):
         super().connection_lost(exc)
 
     def handle_events(self) -> None:
-        """What was asked, in the turn of its address. A whole request ends the deadline; a part does not move it."""
+        """Handles a request in the turn of its address. A whole request ends the deadline; a part does not move it."""
         if self._turn is not None:
             return
         begins = not self.asks and bool(self.conn.trailing_data[0])
@@ -91,7 +91,7 @@ class Connection(H11Protocol):
         self._handle()
 
     def on_response_complete(self) -> None:
-        """Begin the deadline anew for the next request."""
+        """Begins the deadline again for the next request."""
         self.idle_since_s = self.loop.time()
         super().on_response_complete()
         if not self.asks:
@@ -112,12 +112,12 @@ class Connection(H11Protocol):
             self._end_deadline()
 
     def pause_writing(self) -> None:
-        """Note that it does not take what is sent."""
+        """Begins a deadline, as the client does not take what is sent."""
         super().pause_writing()
         self._allow(_ASLEEP_S)
 
     def resume_writing(self) -> None:
-        """Note that it takes it again."""
+        """Ends that deadline, as the client takes data again."""
         super().resume_writing()
         if self.asks:
             self._end_deadline()
@@ -125,14 +125,14 @@ class Connection(H11Protocol):
             self._allow(_SILENT_S)
 
     def give_up(self) -> None:
-        """Close it, whatever waits."""
+        """Closes the connection, whatever waits."""
         if not self.transport.is_closing():
             self.transport.abort()
 
     def _make_room(self) -> None:
-        """Drop a client of the address that has most places: who has asked nothing leaves first, then who has been idle
-        longest, then who has waited longest for an answer; the newcomer itself, where its own address has most and
-        nobody does.
+        """Drops clients of the address that has most places: first one that has asked nothing, then the one that has
+        been idle longest, then the one that has waited longest for an answer; the newcomer itself, where its own
+        address has most and none of these exists.
         """
         there = [one for one in self.connections if isinstance(one, Connection) and not one.transport.is_closing()]
         held = Counter(one.address for one in there)

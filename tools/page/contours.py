@@ -1,4 +1,4 @@
-"""Contours of the error of a point over the live picture, from the bounds at its grid of places. Pure."""
+"""Draws contours of the error of a point over the live picture, from the bounds at its grid of places. Pure."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -10,19 +10,19 @@ from scipy.interpolate import RectBivariateSpline
 Reals = NDArray[np.float64]
 
 _STEPS_MM = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
-"""From one contour to the next: the smallest that draws at most `_MOST`."""
+"""Steps from one contour to the next, mm: the smallest is taken that draws at most `_MOST`."""
 _MOST = 4
-"""Contours. More hide the picture; fewer leave parts of it without a figure near."""
+"""Number of contours at most. More hide the picture; fewer leave parts of it without a figure near."""
 _FINE = 4
-"""Parts of each side of a cell, between which a spline gives the bounds: straight pieces look like a curve."""
+"""Parts of each side of a cell, between which a spline gives the bounds, so that straight pieces look like a curve."""
 _AWAY = 0.06
 """Share of the picture by which a figure stays away from its edges, so that it can be read whole."""
 
 
 def contours(point: Mapping[str, Any] | None) -> list[dict[str, Any]]:
-    """The contours of the bound for 99.7 %, from the least on: `mm`; `path`, pieces of it as an SVG path in shares of
-    width and height; `at`, where its figure stands. point: as in the status; empty where it has no bounds, or where
-    these differ by less than a step.
+    """Returns the contours of the bound for 99.7 %, from the least on: `mm`; `path`, pieces of it as an SVG path in
+    shares of width and height; `at`, where its figure stands. point: as in the status; the result is empty where it has
+    no bounds, or where these differ by less than a step.
     """
     bounds_mm = np.array([] if point is None else point.get("region_mm", []), dtype=float)
     if point is None or bounds_mm.ndim != 2 or min(bounds_mm.shape) < 2 or not np.isfinite(bounds_mm).all():
@@ -36,7 +36,7 @@ def contours(point: Mapping[str, Any] | None) -> list[dict[str, Any]]:
 
 
 def levels_mm(least_mm: float, most_mm: float) -> list[float]:
-    """The multiples of one step between the two."""
+    """Returns the multiples of one step between the two."""
     for step_mm in _STEPS_MM:
         numbers = np.arange(np.floor(least_mm / step_mm) + 1, np.ceil(most_mm / step_mm))
         if len(numbers) <= _MOST:
@@ -45,7 +45,7 @@ def levels_mm(least_mm: float, most_mm: float) -> list[float]:
 
 
 def _triangles(x: Reals, y: Reals, values: Reals) -> Reals:
-    """(n, 3, 3): x, y and value at the corners of triangles that fill the grid, finer than it is. values: (y, x)."""
+    """Returns (n, 3, 3): x, y and value at the corners of triangles that fill the refined grid. values: (y, x)."""
     fine_x, fine_y = (np.interp(np.arange(_FINE * (len(at) - 1) + 1) / _FINE, np.arange(len(at)), at) for at in (x, y))
     spline = RectBivariateSpline(y, x, values, kx=min(3, len(y) - 1), ky=min(3, len(x) - 1))
     corners = np.stack([*np.meshgrid(fine_x, fine_y), spline(fine_y, fine_x)], axis=-1)
@@ -56,7 +56,7 @@ def _triangles(x: Reals, y: Reals, values: Reals) -> Reals:
 
 
 def _pieces(triangles: Reals, level: float) -> Reals:
-    """(k, 2, 2): both ends, x and y, of the straight piece of the contour in each triangle that it crosses."""
+    """Returns (k, 2, 2): both ends, x and y, of the straight piece of the contour in each triangle that it crosses."""
     above = triangles[:, :, 2] > level
     crossed = triangles[(above.sum(axis=1) % 3) > 0]
     above = crossed[:, :, 2] > level
@@ -77,7 +77,7 @@ def _path(pieces: Reals) -> str:
 
 
 def _figure_at(pieces: Reals) -> list[float]:
-    """The lowest place of the contour that is away from the edges of the picture; beside its middle where none is."""
+    """Returns the lowest place of the contour away from the edges of the picture; beside its middle where none is."""
     places = pieces.mean(axis=1)
     inside = places[((places > _AWAY) & (places < 1 - _AWAY)).all(axis=1)]
     place = inside[np.argmax(inside[:, 1])] if len(inside) else places[len(places) // 2]

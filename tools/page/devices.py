@@ -1,4 +1,4 @@
-"""The devices as a person says them: as it should be, or what is wrong with it and what to do. Pure."""
+"""Describes the devices in plain words: as they should be, or what is wrong with each and what to do. Pure."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -10,14 +10,14 @@ from probewatch.appliance.supervision.languages import translated
 from probewatch.appliance.types import Fault, Kind
 
 _ROLES = {Device.SCANNER: "video", Device.TRACKER: "tracker", Device.CONTACT: "output"}
-"""As `lost` and `fps` of the status name them."""
+"""Names of the devices in `lost` and `fps` of the status."""
 
 Row = dict[str, Any]
 
 
 def devices(status: Mapping[str, Any], language: str) -> list[Row]:
-    """A row for each: device, kind (good, wait, notice, bad), wrong (text and remedy of each), driver (what it says of
-    a lost device, in its own words), rate (samples a second, None where it has none).
+    """Returns a row for each: device, kind (good, wait, notice, bad), wrong (text and remedy of each), driver (what the
+    driver reports of a lost device, in its own words), rate (samples a second, None where it has none).
     """
     checks = (*status["checks"], *status["devices"])
     found = {one["fault"]: one["verdict"] for one in checks if one["value"] is not None and one["verdict"] != "OK"}
@@ -28,7 +28,7 @@ def devices(status: Mapping[str, Any], language: str) -> list[Row]:
 
 def _row(device: Device, found: Mapping[str, str], status: Mapping[str, Any], language: str) -> Row:
     faults = [fault for fault in of_device(device) if fault in found]
-    if faults and faults[0] is of_device(device)[0]:  # of a device that is gone nothing else is known
+    if faults and faults[0] is of_device(device)[0]:  # nothing else is known of a device that is gone
         faults = faults[:1]
     lost = list(_lost(device, status))
     rate = status["fps"].get(_ROLES.get(device, ""))
@@ -42,7 +42,7 @@ def _row(device: Device, found: Mapping[str, str], status: Mapping[str, Any], la
 
 
 def _kind(failed: list[Fault], unknown: bool, lost: bool) -> str:
-    """An advisory is no alarm, and not in its colour."""
+    """Returns the kind of a row; an advisory is not an alarm, and does not have its colour."""
     if lost or any(fault.kind is not Kind.ADVISORY for fault in failed):
         return "bad"
     return "notice" if failed else "wait" if unknown else "good"
@@ -54,6 +54,6 @@ def _said(fault: Fault, language: str) -> dict[str, str]:
 
 
 def _lost(device: Device, status: Mapping[str, Any]) -> Iterator[str]:
-    """`lost` names each as its role and URL."""
+    """Yields what is reported of a lost device; `lost` names each by its role and URL."""
     role = _ROLES.get(device)
     return (f"{name.partition(' ')[2]}: {what}" for name, what in status["lost"].items() if name.split(" ")[0] == role)

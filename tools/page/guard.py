@@ -14,14 +14,14 @@ _POLICY = (
     "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
 _USUAL_PORTS = {"http": "80", "https": "443"}
-"""By scheme: those that a browser leaves out of Origin and Host."""
+"""Ports that a browser leaves out of Origin and Host, by scheme."""
 _NAMED = 100
 """Characters of a header that a refusal repeats."""
 
 
 class Guard:
-    """Refuses whoever calls the page by a foreign name (so that no other site's page can), and what another origin
-    sends; every answer forbids the browser what the page does not need.
+    """Refuses a client that calls the page by a foreign name (so that no other site's page can), and what another
+    origin sends; every answer forbids the browser to do what the page does not need.
     """
 
     def __init__(self, app: ASGIApp, hosts: frozenset[str]) -> None:
@@ -54,9 +54,7 @@ class Guard:
 
 
 def _is_own(origin: str | None, host: str) -> bool:
-    """Whether a browser that calls the page by that Host is on a page of it; a port that goes without saying may be
-    said.
-    """
+    """Returns whether a browser that calls the page by that Host is on a page of it; default ports may be left out."""
     scheme, _, place = (origin or "").lower().partition("://")
     port = f":{_USUAL_PORTS.get(scheme, '')}"
     return bool(place) and place.removesuffix(port) == host.lower().removesuffix(port)

@@ -1,4 +1,4 @@
-"""What the alarm log says of the past: the last alarms, and the states of the last hour. Pure."""
+"""Derives the past from the alarm log: the last alarms, and the states of the last hour. Pure."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -11,9 +11,9 @@ from probewatch.appliance.types import State
 from probewatch.drivers.printable import printable
 
 HOUR_S = 3600.0
-"""Past that the page shows, in s. More makes short alarms too thin to be seen. Not varied."""
+"""Past that the page shows, s. More makes short alarms too thin to be seen. Not varied."""
 _LAST = 12
-"""Alarms listed: what fits on a tablet beside everything else."""
+"""Alarms listed: as many as fit on a tablet beside everything else."""
 UNKNOWN = "unknown"
 """Lamp of a time in which no service ran, or of which nothing is known."""
 _ALARMS = (Priority.HIGH, Priority.MEDIUM)
@@ -21,7 +21,7 @@ _ALARMS = (Priority.HIGH, Priority.MEDIUM)
 
 @dataclass(frozen=True, slots=True)
 class Stretch:
-    """A time in one state. from_s: of the wall clock, s since 1970. lamp: of Lamp, or UNKNOWN."""
+    """Represents a time in one state. from_s: wall clock, s since 1970. lamp: one of Lamp, or UNKNOWN."""
 
     from_s: float
     lamp: str
@@ -30,18 +30,18 @@ class Stretch:
     alarm: bool
 
     def fields(self) -> dict[str, Any]:
-        """Ready for JSON."""
+        """Returns the fields, ready for JSON."""
         said = {"lamp": self.lamp, "state": printable(self.state), "reason": printable(self.reason)}
         return {"from_s": self.from_s, **said, "alarm": self.alarm}
 
 
 def _unknown(from_s: float) -> Stretch:
-    """A time in which no service ran, or of which the log says nothing."""
+    """Returns a time in which no service ran, or of which the log states nothing."""
     return Stretch(from_s, UNKNOWN, "", "", alarm=False)
 
 
 def last_states(entries: Sequence[Entry]) -> list[dict[str, str]]:
-    """The newest first, in the cart's own time."""
+    """Returns the last states, the newest first, in the cart's own time."""
     states = [entry for entry in entries if entry.event == Event.STATE]
     return [
         {"time": _local(entry.utc), "state": _said(entry, "state"), "reason": _said(entry, "reason")}
@@ -50,9 +50,9 @@ def last_states(entries: Sequence[Entry]) -> list[dict[str, str]]:
 
 
 def hour(entries: Sequence[Entry], now_s: float) -> list[dict[str, Any]]:
-    """Each stretch of the hour before now_s, the oldest first; the first began before it, the last goes on.
+    """Returns each stretch of the hour before now_s, the oldest first; the first began before it, the last goes on.
 
-    A wall clock that was set back makes what came before as old as what came after.
+    Where the wall clock was set back, what came before counts as no later than what came after.
     """
     known = [_unknown(0.0), *_stretches(entries)]
     ordered: list[Stretch] = []
@@ -66,7 +66,7 @@ def hour(entries: Sequence[Entry], now_s: float) -> list[dict[str, Any]]:
 
 
 def _stretches(entries: Sequence[Entry]) -> Iterator[Stretch]:
-    """The stretches; after a service that did not say that it stops, nothing is known from its last entry on."""
+    """Yields the stretches; after a service that did not log its stop, nothing is known from its last entry on."""
     before: Entry | None = None
     for entry in entries:
         if entry.event == Event.STARTED and before is not None and before.event != Event.STOPPED:
@@ -75,12 +75,12 @@ def _stretches(entries: Sequence[Entry]) -> Iterator[Stretch]:
             yield _stretch(entry)
         elif entry.event == Event.STOPPED:
             yield _unknown(_seconds(entry.utc))
-        if entry.event != Event.CHAIN_BEGUN:  # of the service that starts
+        if entry.event != Event.CHAIN_BEGUN:  # an entry of the service that starts
             before = entry
 
 
 def _stretch(entry: Entry) -> Stretch:
-    """One of a state that this version does not know has no lamp."""
+    """Returns the stretch that an entry begins. One of a state that this version does not know has no lamp."""
     said = _said(entry, "state")
     signal = SIGNALS[State(said)] if said in (state.value for state in State) else None
     lamp = UNKNOWN if signal is None else signal.lamp.value
@@ -97,7 +97,7 @@ def _local(utc: str) -> str:
 
 
 def _moment(utc: str) -> datetime:
-    """The moment; 1970 where it is none, as a damaged entry may say."""
+    """Returns the moment; 1970 where the text is none, as in a damaged entry."""
     try:
         return datetime.fromisoformat(utc)
     except ValueError:

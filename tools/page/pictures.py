@@ -1,4 +1,4 @@
-"""The newest picture of the service's feed as a JPEG, made only while somebody looks."""
+"""Encodes the newest picture of the service's feed as a JPEG, only while a browser shows it."""
 
 import threading
 import time
@@ -17,21 +17,21 @@ from probewatch.tools.shared.feed import Feed
 from probewatch.tools.shared.threaded import Threaded
 
 _EVERY, _MOST_PX = 3, 960
-"""One picture of three, ten a second of a scanner at 30 Hz; longest side. More shows smoother motion and takes the
-cart's processor: encoding one of 640 × 480 takes 3 ms."""
+"""One picture of three, ten a second of a scanner at 30 Hz; the longest side, px. More shows smoother motion and takes
+the cart's processor: encoding one of 640 × 480 takes 3 ms."""
 _QUALITY = 80
-"""Of the JPEG: speckle is not to be measured here. 640 × 480 takes some 60 kB. Not varied."""
+"""Quality of the JPEG: speckle is not to be measured here. 640 × 480 takes some 60 kB. Not varied."""
 _LOOKED_AT_S = 3.0
-"""After the last request for a picture before the feed is left alone. Longer keeps it for nobody; shorter leaves and
-joins again between two requests of a slow tablet."""
+"""Seconds after the last request for a picture before the feed is left alone. Longer keeps it for nobody; shorter
+leaves and joins again between two requests of a slow tablet."""
 _KEPT = 12
-"""Of the last: a second, so that one is there in which the crossing has been looked for."""
+"""Number of the last pictures that are kept: a second, so that the crossing has been looked for in one of them."""
 _AGAIN_S = 0.5
-"""Before a service that offers nothing is asked again."""
+"""Seconds before a service that offers nothing is asked again."""
 
 
 class Picture(NamedTuple):
-    """number: counts those of this page."""
+    """Holds one encoded picture. number: counts the pictures of this page."""
 
     number: int
     t_ns: int
@@ -39,7 +39,9 @@ class Picture(NamedTuple):
 
 
 class Pictures(Threaded):
-    """feed: socket of the service. trouble: why there is no picture, in words; empty while there is."""
+    """Reads the feed and keeps its last pictures. feed: socket of the service. trouble: why there is no picture, in
+    words; empty while there is.
+    """
 
     def __init__(self, feed: Path) -> None:
         self._feed = feed
@@ -51,14 +53,14 @@ class Pictures(Threaded):
         self.trouble = ""
 
     def close(self) -> None:
-        """See Closable."""
+        """Ends the thread."""
         self._ended.set()
         self._wanted.set()
         self._thread.join(2 * _LOOKED_AT_S)
 
     def newest(self, looked_ns: int | None = None) -> Picture | None:
-        """Returns the newest picture, None while there is none, and has the feed go on. looked_ns: time that it must
-        not be after.
+        """Returns the newest picture, None while there is none, and keeps the feed running. looked_ns: time that it
+        must not be after.
         """
         self._wanted_s = time.monotonic()
         self._wanted.set()
@@ -94,6 +96,6 @@ class Pictures(Threaded):
 
 
 def jpeg(image: GreyImage) -> bytes:
-    """image: (h, w)."""
+    """Returns the picture as a JPEG. image: (h, w)."""
     _, encoded = cv2.imencode(".jpg", np.ascontiguousarray(image), [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
     return encoded.tobytes()

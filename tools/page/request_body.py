@@ -1,4 +1,4 @@
-"""The JSON body of a request, its values, and the answer to one that is refused."""
+"""Reads the JSON body of a request and its values, and makes the answer to one that is refused."""
 
 import asyncio
 import json
@@ -8,7 +8,7 @@ from starlette.requests import ClientDisconnect, Request
 from starlette.responses import JSONResponse, Response
 
 _BODY_S = 5.0
-"""For a request to be sent whole once it has begun, as long as for its head."""
+"""Seconds for a request to be sent whole once it has begun, as long as for its head."""
 _MOST_BODY = 8192
 """Bytes of a request: names and a comment take some 500."""
 
@@ -36,7 +36,7 @@ async def body_of(request: Request) -> dict[str, Any]:
 
 
 class BodyRefusedError(Exception):
-    """What a client sent, and the status of the answer."""
+    """Reports why a body that a client sent is refused, with the status of the answer."""
 
     def __init__(self, why: str, status: int) -> None:
         super().__init__(why)
@@ -49,7 +49,7 @@ async def _body_refused(_: Request, error: Exception) -> Response:
 
 
 BODY_HANDLERS = {BodyRefusedError: _body_refused}
-"""Of the application whose requests have bodies."""
+"""Exception handlers for the application whose requests have bodies."""
 
 
 def refused(why: str, status: int) -> JSONResponse:

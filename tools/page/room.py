@@ -1,4 +1,4 @@
-"""The status as people in the room read it: one headline, what is wrong, and which motion is missing. Pure."""
+"""Words the status as people in the room read it: one headline, what is wrong, and which motion is missing. Pure."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -14,13 +14,14 @@ from probewatch.tools.shared.point_text import point_text
 from probewatch.tools.shared.profile_text import profile_text
 
 _PARTS = " · "
-"""Between the clauses of the status's text."""
+"""Separator between the clauses of the status's text."""
 
 
 def room(status: Mapping[str, Any]) -> dict[str, Any]:
-    """simulated: whether a source is no real device. headline: the state. named: what is wrong, empty where nothing is.
-    point: the error of a point; contours: of it, over the picture. limits: whose are in force. rests: that what is
-    verified rests on earlier motion. gestures: drawing and text of each that is asked for.
+    """Returns the fields of the room's view. simulated: whether a source is not a real device. headline: the state.
+    named: what is wrong, empty where nothing is. point: the error of a point; contours: those of that error, over the
+    picture. limits: whose limits are in force. rests: the remark that what is verified rests on earlier motion.
+    gestures: drawing and text of each that is asked for. bars, devices: their rows.
     """
     language = status.get("language", "en")
     said = status["text"].split(_PARTS)[1 if status["simulated"] else 0 :]
@@ -40,6 +41,6 @@ def room(status: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _gestures(texts: list[str], language: str) -> list[dict[str, str]]:
-    """Each with the file of its drawing; one that a newer service asks for has none."""
+    """Returns each gesture with the file of its drawing; one that a newer service asks for has none."""
     found = [(text, drawn(text, language)) for text in texts]
     return [{"drawing": "" if file is None else file.name, "text": text} for text, file in found]

@@ -1,4 +1,4 @@
-"""Requests of the page for a recalibration: their names, and what of a body each takes."""
+"""Maps the requests of the page for a recalibration: their names, and what each takes from a body."""
 
 from collections.abc import Callable
 from typing import Any
@@ -9,8 +9,8 @@ from probewatch.tools.recalibration.session import ScanSession
 
 
 def _begin(body: dict[str, Any]) -> Begin:
-    """Returns what a recalibration begins with. What is left out is not known, or as usual; what is no number is
-    refused with the rest.
+    """Returns what a recalibration begins with. A field that is left out is unknown, or has its usual value; one that
+    is not a number is refused with the rest.
     """
     probe, preset, technician, reason, wanted = (
         text(body, name) for name in ("probe", "preset", "technician", "reason", "wanted")
@@ -30,7 +30,7 @@ def _begin(body: dict[str, Any]) -> Begin:
 
 
 def _point(body: dict[str, Any]) -> tuple[float, float, float] | None:
-    """Where a pointer found it; NaN, which is refused, where that is no number."""
+    """Returns where a pointer found the point; NaN, which is refused, where that is not a number."""
     if body.get("point") is None:
         return None
     point = body["point"] if isinstance(body["point"], list) else []

@@ -1,7 +1,8 @@
-"""The web page: files, events and pictures for everybody who may reach it, requests for who has redeemed a token.
+"""Serves the web page: files, events and pictures for everybody who may reach it, requests for those who have redeemed
+a token.
 
-One process, one thread for the network; whatever asks the service or the disk does so in another. Nothing is loaded
-from elsewhere, and nothing on the page runs but its own files (Content-Security-Policy).
+It is one process, with one thread for the network; whatever asks the service or the disk does so in another. Nothing is
+loaded from elsewhere, and nothing on the page runs but its own files (Content-Security-Policy).
 """
 
 import asyncio
@@ -42,20 +43,20 @@ _FILES = (Path(__file__).parent / "files", DRAWINGS)
 _KINDS = {".html": "text/html; charset=utf-8", ".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}
 _COOKIE = "probewatch"
 _EVENTS_S = 0.25
-"""Between two events: seen as motion, the pace of `probewatch status --watch`."""
+"""Seconds between two events: seen as motion, the pace of `probewatch status --watch`."""
 _PICTURE_S = 2.0
-"""For which a request for a newer picture waits before it is answered with none. Longer keeps a dead picture looking
-alive; shorter asks for nothing."""
+"""Seconds for which a request for a newer picture waits before it is answered with none. Longer makes a dead picture
+look alive; shorter asks more often for nothing."""
 _LOOK_S = 0.02
-"""Between two looks for a newer picture: a fifth of the time between two at ten a second."""
+"""Seconds between two looks for a newer picture: a fifth of the time between two at ten a second."""
 _NO_TOKEN = "a token is needed: probewatch page --token gives one"
 _MOST_DIGITS = 9
-"""Of the number of a view. Python refuses to read one of more than 4300 with an error that is ours."""
+"""Digits of the number of a view. Python refuses to read more than 4300, which would be an error of this server."""
 
 
 @dataclass(frozen=True, slots=True)
 class Parts:
-    """What the page is made of. cart: its name. hosts: names and addresses by which a browser may call it, no port."""
+    """Holds what the page is made of. cart: its name. hosts: names and addresses by which it may be called, no port."""
 
     watch: StatusWatch
     pictures: Pictures
@@ -69,21 +70,21 @@ class Parts:
 
 @dataclass(eq=False, slots=True)
 class _Listener:
-    """A browser that is sent events."""
+    """Represents a browser that is sent events."""
 
     address: str
     sent_away: bool = False
 
 
 class Page:
-    """app: for an ASGI server."""
+    """Answers the requests of browsers. app: the application for an ASGI server."""
 
     def __init__(self, parts: Parts) -> None:
         self._parts = parts
         found = [path for folder in _FILES for path in sorted(folder.iterdir()) if path.suffix in _KINDS]
         self._files = {path.name: path.read_bytes() for path in found}
         self._listeners: list[_Listener] = []
-        self._language = "en"  # of the room, as the service told it last
+        self._language = "en"  # of the room, as the service last reported it
         routes = [
             Route("/", self._file),
             Route("/recalibrate", self._file),
@@ -117,7 +118,9 @@ class Page:
         )
 
     def _has_place(self, listener: _Listener) -> bool:
-        """One of an address that has two more than the newcomer's is sent away for it, where there is one."""
+        """Returns whether there is a place; one of an address that has two more than the newcomer's is disconnected for
+        it, where there is one.
+        """
         if len(self._listeners) < MOST_LISTENERS:
             return True
         held = Counter(one.address for one in self._listeners)
@@ -141,7 +144,7 @@ class Page:
             await asyncio.sleep(_EVENTS_S)
 
     def _event(self, visitor: Visitor | None) -> dict[str, Any]:
-        """Everything that the page shows but its pictures."""
+        """Returns everything that the page shows except its pictures."""
         parts = self._parts
         if visitor is not None:
             parts.session.attendance.look_on()
@@ -167,7 +170,7 @@ class Page:
         return found
 
     async def _picture(self, request: Request) -> Response:
-        """One that is newer than number `after`; 204 where none came in time."""
+        """Answers with a picture that is not number `after`; with 204 where none came in time."""
         after = request.query_params.get("after", "0")
         known = int(after) if after.isascii() and after.isdecimal() and len(after) < 16 else 0
         end_s = time.monotonic() + _PICTURE_S
@@ -185,7 +188,7 @@ class Page:
         return Response(newest.jpeg, media_type="image/jpeg", headers=headers)
 
     async def _view(self, request: Request) -> Response:
-        """What was around the crossing of one view."""
+        """Answers with what was around the crossing of one view."""
         index = request.path_params["index"]
         known = index.isascii() and index.isdecimal() and len(index) <= _MOST_DIGITS
         image = self._parts.session.thumbnail(int(index)) if known else None
@@ -194,7 +197,7 @@ class Page:
         return Response(jpeg(image), media_type="image/jpeg", headers={"Cache-Control": "no-store"})
 
     async def _token(self, request: Request) -> Response:
-        """A one-time token becomes a cookie that no script can read and no other site can send."""
+        """Turns a one-time token into a cookie that no script can read and no other site can send."""
         now_s = time.monotonic()
         body = await body_of(request)
         address = _address(request)
@@ -208,7 +211,7 @@ class Page:
         return response
 
     async def _request(self, request: Request) -> Response:
-        """What the service is asked to do at once."""
+        """Answers a request that the service carries out at once."""
         visitor, what = self._visitor(request), request.path_params["what"]
         if visitor is None:
             return refused(_NO_TOKEN, 403)
@@ -217,7 +220,7 @@ class Page:
         return await _done(self._parts.asking.ask, what, visitor.name)
 
     async def _recalibration(self, request: Request) -> Response:
-        """Every request that changes something of a scan."""
+        """Answers every request that changes something of a scan."""
         if self._visitor(request) is None:
             return refused(_NO_TOKEN, 403)
         act = ACTS.get(request.path_params["what"])
@@ -232,7 +235,7 @@ class Page:
 
 
 async def _done(act: Callable[..., None], *words: object) -> Response:
-    """What became of it: done, a question, or why not."""
+    """Carries out a request, and answers with its outcome: done, a question, or why not."""
     try:
         await run_in_threadpool(act, *words)
     except Asked as question:
@@ -244,7 +247,7 @@ async def _done(act: Callable[..., None], *words: object) -> Response:
 
 
 class _Counted(StreamingResponse):
-    """ended: called once, also where the client has gone before its stream begins."""
+    """Streams events. ended: called once, also where the client has gone before its stream begins."""
 
     def __init__(
         self, told: AsyncIterator[bytes], ended: Callable[[], None], media_type: str, headers: dict[str, str]
@@ -260,5 +263,5 @@ class _Counted(StreamingResponse):
 
 
 def _address(request: Request) -> str:
-    """Address of the client; one for all that come through a proxy."""
+    """Returns the address of the client; it is one for all that come through a proxy."""
     return "" if request.client is None else request.client.host

@@ -1,6 +1,6 @@
-"""Where the tool asks the page for a one-time token: a Unix socket that the group of the control socket may use.
+"""Serves one-time tokens of the page to the tool: on a Unix socket that the group of the control socket may use.
 
-A token lets a browser request a recalibration, so who may only look on gets none.
+A token lets a browser request a recalibration, so a user who may only view gets none.
 """
 
 import json
@@ -18,16 +18,16 @@ from probewatch.drivers.printable import printable
 from probewatch.tools.shared.threaded import Threaded
 
 _EVERY_S = 0.05
-"""Between two looks for who asks: a person waits no longer. More often is work for nothing."""
+"""Seconds between two looks for requests: a person waits no longer. More often is work for nothing."""
 _ANSWER_S = 2.0
-"""For a page that lives to answer whole: forty looks."""
+"""Seconds for a running page to answer whole: forty looks."""
 _MOST_BYTES = 4096
-"""An answer has some 100."""
+"""Bytes of an answer at most; one has some 100."""
 
 
 class Door(Threaded):
-    """Serves `path` while the block runs. invite: makes (token, URL) for a user, as the kernel knows him. onlookers:
-    ids of users who get none. Raises ConfigurationError, DeviceLost where it cannot.
+    """Serves `path` while the block runs. invite: makes (token, URL) for a user, whose name the kernel gives.
+    onlookers: ids of users who get none. Raises ConfigurationError, DeviceLost where it cannot.
     """
 
     def __init__(
@@ -39,7 +39,7 @@ class Door(Threaded):
         super().__init__("door")
 
     def close(self) -> None:
-        """See Closable."""
+        """Ends the thread, and closes the socket."""
         self._ended.set()
         self._thread.join()
         self._server.close()
@@ -58,7 +58,7 @@ class Door(Threaded):
 
 
 def invitation(path: Path) -> tuple[str, str]:
-    """(token, URL) from the page that runs here. Raises DeviceLost."""
+    """Returns (token, URL) from the page that runs here. Raises DeviceLost."""
     try:
         with connected(path, _ANSWER_S) as link:
             link.sendall(b'{"v": 1, "do": "token"}\n')

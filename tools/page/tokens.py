@@ -1,4 +1,5 @@
-"""Who may do more than look: a one-time token becomes a cookie, which lasts until the page ends or the day is over.
+"""Decides who may do more than view: a one-time token becomes a cookie, which lasts until the page ends or the shift is
+over.
 
 The times are seconds of CLOCK_MONOTONIC, given by the caller.
 """
@@ -8,32 +9,33 @@ import secrets
 from dataclasses import dataclass
 
 _SIGNS = "23456789ABCDEFGHJKLMNPQRSTUVWXYZ"
-"""Thirty-two that nobody mistakes for one another when he types what another screen shows."""
+"""Thirty-two characters that nobody mistakes for one another when typing what another screen shows."""
 _LENGTH = 8
-"""Signs of a token: 40 bits. With `_MOST_WRONG_OF_ALL` tries in `_WRONG_S` it takes 1000 years to find one by trying;
-more is harder to type."""
+"""Characters of a token: 40 bits. With `_MOST_WRONG_OF_ALL` tries in `_WRONG_S` it takes 1000 years to find one by
+trying; more is harder to type."""
 TOKEN_S = 600.0
-"""For which a token waits to be used: the way from the terminal to the tablet. Longer lets a glance over the shoulder
-use it."""
+"""Seconds for which a token waits to be used: the way from the terminal to the tablet. Longer lets somebody use it who
+has seen it over the user's shoulder."""
 _COOKIE_S = 12 * 3600.0
-"""Of a cookie: a shift. Longer leaves a forgotten tablet able to recalibrate; shorter ends a scan."""
+"""Seconds that a cookie lasts: a shift. Longer leaves a forgotten tablet able to recalibrate; shorter ends a scan."""
 _MOST_TOKENS, _MOST_COOKIES = 8, 16
-"""That wait, and that are in use; one more forgets the oldest."""
+"""Tokens that wait, and cookies that are in use; one more forgets the oldest."""
 _MOST_WRONG, _MOST_WRONG_OF_ALL, _WRONG_S = 10, 100, 60.0
-"""Tries in so many seconds of one address, and of all together; then none of it, or none at all, is looked at until the
-time is over. Fewer locks out who mistypes, or lets few addresses lock all others out; more helps who guesses."""
+"""Wrong tries of one address, and of all together, in the time of the third, s; beyond that none of that address, or
+none at all, is considered until the time is over. Fewer locks out a user who mistypes, or lets few addresses lock all
+others out; more helps whoever guesses."""
 
 
 @dataclass(frozen=True, slots=True)
 class Visitor:
-    """Who holds a cookie. name: of the user who asked for the token, as the kernel knows him."""
+    """Represents the holder of a cookie. name: that of the user who asked for the token, as the kernel gives it."""
 
     name: str
     until_s: float
 
 
 class Tokens:
-    """waiting: one-time tokens that nobody has used. Not safe for two threads at once."""
+    """Keeps one-time tokens that nobody has used, and the cookies in use. Not safe for two threads at once."""
 
     def __init__(self) -> None:
         self._tokens: dict[str, Visitor] = {}
@@ -41,15 +43,15 @@ class Tokens:
         self._wrong: list[tuple[float, str]] = []
 
     def issue(self, name: str, now_s: float) -> str:
-        """A token for that user, such as 7KQM-3XWD."""
+        """Returns a new token for that user, such as 7KQM-3XWD."""
         token = "".join(secrets.choice(_SIGNS) for _ in range(_LENGTH))
         self._tokens[token] = Visitor(name, now_s + TOKEN_S)
         _forget_oldest(self._tokens, _MOST_TOKENS)
         return f"{token[:4]}-{token[4:]}"
 
     def redeem(self, said: str, now_s: float, address: str = "") -> str | None:
-        """The cookie for a token, which is used up; None where it is wrong, too old, or too many of the address were
-        wrong.
+        """Returns the cookie for a token, which is used up; None for a token that is wrong or too old, or where too
+        many of the address were wrong.
         """
         if self.locked(now_s, address):
             return None
@@ -65,13 +67,13 @@ class Tokens:
         return cookie
 
     def locked(self, now_s: float, address: str = "") -> bool:
-        """Whether too many tokens of that address were wrong of late, so that none of it is looked at."""
+        """Returns whether too many tokens of that address, or of all, were wrong of late: none is considered then."""
         self._wrong = [wrong for wrong in self._wrong if now_s - wrong[0] < _WRONG_S]
         of_address = sum(wrong[1] == address for wrong in self._wrong)
         return of_address >= _MOST_WRONG or len(self._wrong) >= _MOST_WRONG_OF_ALL
 
     def visitor(self, cookie: str | None, now_s: float) -> Visitor | None:
-        """Whose cookie that is, None where it is nobody's."""
+        """Returns whose cookie that is, None where it is nobody's."""
         visitor = None if cookie is None else self._cookies.get(cookie)
         return visitor if visitor is not None and visitor.until_s >= now_s else None
 

@@ -1,4 +1,6 @@
-"""What the service and its log say in English, in the language of the room; the page's own words are in german.js."""
+"""Translates the English of the service and its log to the language of the room. The page's own words are in
+german.js.
+"""
 
 import re
 from typing import Any
@@ -6,25 +8,26 @@ from typing import Any
 from probewatch.appliance.supervision import languages
 
 _DECIMAL = re.compile(r"(?<![\d.])(\d+)\.(\d+)(?![\d.]*\d)")
-"""A figure, and no address or version, which have more than one point."""
+"""Matches a figure, but no address or version, which have more than one point."""
 _BACK = "not verified, the calibration before is in force: "
-"""How the session begins when the service has not verified the new calibration; state and reason follow."""
+"""Beginning of the session's message when the service has not verified the new calibration; state and reason follow."""
 _BACK_DE = "nicht bestätigt, die Kalibrierung davor ist in Kraft: "
 
 
 def translated_text(text: str, language: str) -> str:
-    """The text in the language, with its decimal sign; unchanged where it cannot be translated whole."""
+    """Returns the text in the language, with its decimal sign; unchanged where it cannot be translated whole."""
     said = languages.translated_text(text, language)
     return said if said == text else figures(said, language)
 
 
 def figures(text: str, language: str) -> str:
-    """The text with the decimal sign of its language: German writes 2,5 for 2.5."""
+    """Returns the text with the decimal sign of its language: German writes 2,5 for 2.5."""
     return _DECIMAL.sub(r"\1,\2", text) if language == "de" else text
 
 
 def worded(event: dict[str, Any], language: str) -> dict[str, Any]:
-    """The event of the page with these texts in the language of the room; each whole, or as it was.
+    """Returns the event of the page with these texts in the language of the room; each is translated whole, or left as
+    it was.
 
     Compared parameters get a title beside the name, which stays.
     """
@@ -45,7 +48,7 @@ def _alarms(alarms: dict[str, Any], language: str) -> dict[str, Any]:
 
 
 def _entry(entry: dict[str, Any], language: str) -> dict[str, Any]:
-    """State and reason in one language."""
+    """Returns an entry with state and reason in one language."""
     said = [translated_text(entry[name], language) for name in ("state", "reason")]
     if entry["reason"] and said[1] == entry["reason"]:
         return entry

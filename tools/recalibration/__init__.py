@@ -1,1 +1,1 @@
-"""A live recalibration as one object, which page and terminal drive alike: scan, review, sign, prove."""
+"""Runs a live recalibration as one object, which page and terminal drive alike: scan, review, sign, prove."""

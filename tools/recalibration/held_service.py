@@ -1,8 +1,8 @@
-"""The service as the session of a scan holds it: asked to recalibrate over a connection that lives as long as the scan.
+"""Asks the service to recalibrate for the session of a scan, over a connection that lives as long as the scan.
 
-Where that connection breaks, or says nothing for long, the service gives the scan up by itself. It is asked again where
-it forgot, as after a restart or as soon as a lost device is back, but not where it has monitored since or recalibrates
-for another: whoever works with it then must not lose it to a scan at which nobody may be looking.
+Where that connection breaks, or is silent for long, the service gives the scan up by itself. It is asked again where it
+has forgotten the request, as after a restart or as soon as a lost device is back, but not where it has monitored since
+or recalibrates for another client: whoever works with it then must not lose it to a scan that may be unattended.
 """
 
 import contextlib
@@ -18,22 +18,26 @@ from probewatch.drivers.errors import ProbewatchError
 from probewatch.tools.shared.status_watch import Seen
 
 ANSWER_S = 3.0
-"""For the service to answer a request: sixty ticks, as it may read a file before it answers."""
+"""Seconds for the service to answer a request: sixty ticks, as it may read a file before it answers."""
 _HOLD_S = 20.0
-"""Of silence after which the service gives the scan up for us: a page that hangs. The session speaks twice a second;
-longer keeps a cart that nobody can go on with, shorter gives up for a busy computer. Not measured on a cart.
+"""Seconds of silence after which the service gives the scan up, as when a page hangs. The session sends a request twice
+a second; longer blocks a cart that nobody can go on with, shorter gives up when the computer is busy. Not measured on a
+cart.
 """
 _RETURN_S = 3.0
-"""Between two looks, within which nobody can have taken a service into use that goes on after a lost device: six looks.
-Longer takes it from whoever works with it; shorter loses a scan on a busy computer, until it is signed."""
+"""Seconds between two looks, at most, for the session to take back a service that monitors again after a lost device:
+six looks, within which nobody can have taken it into use. Longer takes it from whoever works with it; shorter loses a
+scan on a busy computer, until it is signed."""
 _WITHOUT_US = (State.MONITORING.value, State.RECALIBRATING.value)
-"""Where it works for others once it has forgotten us."""
+"""States in which the service works for others once it has forgotten this session."""
 
 _Answer = TypeVar("_Answer")
 
 
 class Asked(ControlRefused):
-    """The difference must be accepted first; text is to be repeated."""
+    """Reports a difference from the calibration in force that must be accepted first. text: the difference, to be
+    repeated in order to accept it.
+    """
 
     def __init__(self, text: str) -> None:
         super().__init__(
@@ -43,7 +47,7 @@ class Asked(ControlRefused):
 
 
 class HeldService:
-    """control: its socket. Requests raise ProbewatchError, in words for the technician."""
+    """Holds the service for a scan. control: its socket. Requests raise ProbewatchError, worded for the technician."""
 
     def __init__(self, control: Path) -> None:
         self._control = control
@@ -52,7 +56,7 @@ class HeldService:
         self._gave_way = self._lost = False
 
     def grasp(self) -> None:
-        """Have it recalibrate for as long as this connection lives."""
+        """Has the service recalibrate for as long as this connection lives."""
         client = self._client()
         try:
             client.begin_recalibration(_HOLD_S)
@@ -64,13 +68,16 @@ class HeldService:
         self._looked_ns, self._gave_way, self._lost = self._asked_ns, False, False
 
     def keep(self) -> None:
-        """Keep it recalibrating for us where it does; it is asked for nothing, whoever may look on."""
+        """Keeps the service recalibrating for this session if it still does, and requests nothing, whoever views the
+        scan. Raises ControlRefused where it does not.
+        """
         if not self.speak():
             raise ControlRefused("the service does not wait for this scan. The scan is kept; signing it asks again")
 
     def hold(self, seen: Seen, wanted: bool = False) -> None:
-        """Have it recalibrate for us, or ask it to again. seen: its status. wanted: a person asks for it now, which
-        takes it also from monitoring.
+        """Has the service recalibrate for this session, again where it has forgotten. seen: its status. wanted: whether
+        a person asks for it now, which also takes the service from monitoring. Raises ControlRefused where it does not
+        recalibrate.
         """
         since_ns, self._looked_ns = self._looked_ns, time.monotonic_ns()
         if self.speak():
@@ -95,9 +102,10 @@ class HeldService:
             raise ControlRefused(f"{state}: {why}. The scan is kept, and goes on by itself") from None
 
     def give(self, file: Path, confirm: str) -> str:
-        """Have it take and prove a new calibration, which nobody else ends while we hold on; its SHA-256.
+        """Has the service take and prove a new calibration, which nobody else ends while the connection is held, and
+        returns its SHA-256.
 
-        confirm: the difference that a person has accepted. Raises Asked for a difference that must be.
+        confirm: the difference that a person has accepted. Raises Asked for a difference that must be accepted.
         """
 
         def given(client: ControlClient) -> dict[str, Any]:
@@ -111,23 +119,27 @@ class HeldService:
         return str(proposal["sha256"])
 
     def abort(self) -> None:
-        """The calibration before stays in force. Raises ProbewatchError where it does not answer."""
+        """Ends the recalibration, so that the calibration before it stays in force. Raises ProbewatchError where the
+        service does not answer.
+        """
         with contextlib.suppress(ControlRefused):  # it does not recalibrate any more
             self._ask(lambda client: client.abort_recalibration())
         self.let_go()
 
     def let_go(self) -> None:
-        """End the connection."""
+        """Ends the connection."""
         if self._held is not None:
             self._held.close()
             self._held = None
 
     def is_older(self, seen: Seen) -> bool:
-        """Whether that was said before it did what it was asked last."""
+        """Returns whether this status was reported before the service did what it was last asked."""
         return seen.status is not None and seen.t_ns <= self._asked_ns
 
     def speak(self) -> bool:
-        """A word over that connection, by which the service knows that we live; whether it recalibrates for us."""
+        """Sends a request over that connection, by which the service knows that this session lives, and returns whether
+        it recalibrates for this session.
+        """
         if self._held is None:
             return False
         try:
@@ -152,8 +164,8 @@ class HeldService:
 
 
 def _without_us(status: dict[str, Any]) -> bool:
-    """Note that it monitors, or recalibrates for another client; what says that it is for us was said before it was
-    lost.
+    """Returns whether the service monitors, or recalibrates for another client. A status that names this session as the
+    owner was reported before the connection was lost.
     """
     ours = (status["recalibration"] or {}).get("yours", False)
     return status["state"] in _WITHOUT_US and not ours

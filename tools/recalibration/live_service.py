@@ -1,4 +1,4 @@
-"""The service on which a live scan of `probewatch recalibrate` is made."""
+"""Connects a live scan of `probewatch recalibrate` to the service on which it is made."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,17 +23,17 @@ from probewatch.tools.shared.unit_sight import unseen
 from probewatch.tools.shared.verification import reporting_change
 
 _LOOK_S = 0.2
-"""Between two questions to the service during a live scan: four of its ticks."""
+"""Seconds between two questions to the service during a live scan: four of its ticks."""
 _NOT_IN = (State.SELF_TEST.value, State.DEVICE_LOST.value, State.INTERNAL_FAULT.value)
 """States in which no service begins to recalibrate, by its table (`appliance.supervision.supervisor`)."""
 _FOLDER = "calibrations"
-"""Of the alarm log's folder: the package lets members of the group write there."""
+"""Subfolder of the alarm log's folder, where the package lets members of the group write."""
 
 
 @dataclass(frozen=True, slots=True)
 class LiveService:
-    """The service on which a live scan is made. `control` and `pictures` are its sockets; `place` is the folder of the
-    new file; `language` is that of the cart.
+    """Represents the service on which a live scan is made. `control` and `pictures` are its sockets; `place` is the
+    folder of the new file; `language` is that of the cart.
     """
 
     control: Path
@@ -43,8 +43,8 @@ class LiveService:
 
 
 def live_service(config_file: Path | None, socket: Path | None, feed: Path | None, folder: Path | None) -> LiveService:
-    """Returns the service. Raises ConfigurationError, DeviceLost or ControlRefused before any question, so that no
-    answer is typed in vain, as with no service or during another recalibration.
+    """Returns the service. Raises ConfigurationError, DeviceLost or ControlRefused before any question is put, so that
+    no answer is typed in vain, as with no service or during another recalibration.
     """
     named = named_or_own(config_file, socket)
     config = None if named is None else load_config(named)

@@ -1,4 +1,4 @@
-"""What people state before and after a live scan, and the calibration file that carries it."""
+"""Holds what people state before and after a live scan, and writes the calibration file that carries it."""
 
 from dataclasses import dataclass, replace
 from datetime import UTC, date, datetime
@@ -15,13 +15,14 @@ from probewatch.tools.recalibration.steps import Sound
 from probewatch.tools.shared.sign_off import SignOff, whole_record
 
 LONGEST_WORDS = 200
-"""Characters of a name, a role or a comment."""
+"""Characters of a name, a role or a comment that are kept."""
 
 
 @dataclass(frozen=True, slots=True)
 class Begin:
-    """What a person chose. wanted: whole, or zeta alone. technician: who scans. water_c, scanner_m_s, correct_sound: of
-    `Sound`. latency: how late the tracker is, is measured first. due, expires: of `SignOff`.
+    """Holds what a person chose. wanted: whole, or zeta alone. technician: who scans. water_c, scanner_m_s,
+    correct_sound: those of `Sound`. latency: whether the latency of the tracker is measured first. due, expires: those
+    of `SignOff`.
     """
 
     probe: str
@@ -39,8 +40,8 @@ class Begin:
 
 @dataclass(frozen=True, slots=True)
 class Signature:
-    """Who accepts it. confirm: the difference from the calibration in force, repeated where it must be accepted.
-    unchecked: why no check at another point was made, where none was, or where it is not counted.
+    """Holds who accepts the calibration. confirm: the difference from the calibration in force, repeated where it must
+    be accepted. unchecked: why no check at another point was made, where none was, or where it is not counted.
     """
 
     name: str
@@ -51,7 +52,7 @@ class Signature:
 
 
 def checked(begin: Begin) -> Begin:
-    """The paperwork with its words made printable. Raises ControlRefused, in words for the technician."""
+    """Returns the paperwork with its words made printable. Raises ControlRefused, in words for the technician."""
     if begin.wanted not in ("whole", "zeta"):
         raise ControlRefused("unknown choice", begin.wanted, "Choose the whole calibration, or ζ alone")
     probe, preset, technician, reason = (
@@ -66,7 +67,7 @@ def checked(begin: Begin) -> Begin:
 
 
 def signed(signature: Signature) -> Signature:
-    """The same of a signature."""
+    """Returns the signature with its words made printable. Raises ControlRefused, in words for the technician."""
     name, role, comment, unchecked = (
         printable(text.strip(), LONGEST_WORDS)
         for text in (signature.name, signature.role, signature.comment, signature.unchecked)
@@ -79,7 +80,8 @@ def signed(signature: Signature) -> Signature:
 def write_signed(
     folder: Path, calibration: Calibration, begin: Begin, signature: Signature, scanned: Scanned, check: str
 ) -> Path:
-    """A new file, named after probe, preset and time, with who made and signed it and of what. check: its record.
+    """Writes a new file, named after probe, preset and time, that states who made and signed it and from what, and
+    returns its path. check: the record of the check at another point.
 
     Raises ConfigurationError where it cannot be written.
     """
@@ -107,7 +109,7 @@ def _provenance(begin: Begin, signature: Signature, scanned: Scanned) -> dict[st
 
 
 def sign_off(begin: Begin, signature: Signature) -> SignOff:
-    """Sign-off of both persons, for the file."""
+    """Returns the sign-off of both persons, for the file."""
     return SignOff(
         made_by=begin.technician,
         signed_by=signature.name,

@@ -1,4 +1,4 @@
-"""A cross-wire scan of a recording, and the offset that it shows against the calibration in force."""
+"""Solves a cross-wire scan of a recording, and states the offset that it shows against the calibration in force."""
 
 import sys
 from dataclasses import dataclass
@@ -36,7 +36,7 @@ _COMPONENTS = ("offset lateral", "offset axial", "ζ (elevational)")
 
 @dataclass(frozen=True, slots=True)
 class InForce:
-    """The calibration in force. `file` is None where it is the simulated one."""
+    """Represents the calibration in force. `file` is None where it is the simulated one."""
 
     calibration: Calibration
     file: Path | None = None
@@ -56,7 +56,7 @@ def calibration_in_force(
     configuration.
 
     `size_px` is (width, height) of the scan's pictures, which a device set does not state. `may_lack` allows that there
-    is none.
+    is no calibration in force.
     """
     config = None if config_file is None else load_config(config_file)
     socket = socket if config is None else socket or config.control.socket
@@ -84,7 +84,7 @@ def check_size(before: InForce, scan_input: ScanInput) -> None:
 
 
 def scanned(scan_input: ScanInput, latency_ms: float) -> CrosswireScan:
-    """Returns the scan with all its pictures looked at."""
+    """Returns the scan after all its pictures have been examined."""
     scan = CrosswireScan(latency_ms)
     if scan_input.file is None and not sys.stderr.isatty():  # no bar is shown, and drawing the pictures takes a minute
         click.echo(f"looking at {scan_input.name}: {scan_input.total} pictures and poses", err=True)
@@ -128,7 +128,7 @@ def print_solution(solution: OffsetSolution, before: Calibration) -> None:
 
 
 def provenance(solution: OffsetSolution, before: InForce, scan_input: ScanInput) -> dict[str, str]:
-    """Returns what the new file says of its origin."""
+    """Returns what the new file states about its origin."""
     stated = [
         f"{name} {new:.4f} ± {sigma:.4f} mm, before {old:.4f}"
         for name, new, sigma, old in zip(

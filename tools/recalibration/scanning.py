@@ -1,4 +1,5 @@
-"""What a live scan has seen so far: samples of the feed in, the running calibration out, and small pictures to review.
+"""Tracks what a live scan has seen so far: takes samples of the feed, and gives the running calibration and small
+pictures to review.
 
 Not safe for two threads at once; the session has the lock.
 """
@@ -21,23 +22,26 @@ from probewatch.tools.recalibration.steps import CheckStep, Estimate, Sound
 from probewatch.tools.shared.crosswire_review import compared, difference_in_sigmas
 
 _REMEMBERED = 40
-"""Pictures that a view may still be cut out of: .7 s at 60 Hz. It is settled .25 s after its passage."""
+"""Pictures that a view may still be cut out of: .7 s at 60 Hz. A view is settled .25 s after its passage."""
 _HALF_PX = 48
-"""Half a side of what is kept of a view to be looked at: two spots of a crossing and what surrounds them."""
+"""Half the side, px, of the cut-out of a view that is kept for the review: two spots of a crossing and some margin."""
 _UNSEEN_NS = 1_000_000_000
-"""Without a good pose before it is said: a second of a probe turned away is part of a scan. Less cries wolf."""
+"""Nanoseconds without a good pose before it is reported: turning the probe away for a second is part of a scan. Less
+reports trouble where there is none.
+"""
 
 
 @dataclass(slots=True)
 class Scanned:
-    """reference: in force when the scan began, None where there is none. wanted: whole, all eight parameters; zeta, the
-    last of them alone, the others as the reference has them.
+    """Holds the state of one scan. reference: the calibration in force when the scan began, None where there is none.
+    wanted: whole, all eight parameters; zeta, the last of them alone, the others as the reference has them.
 
-    sound, latency, estimate: of the steps before; what the water does, how late the tracker is where it was measured,
-    and what motion without a phantom said of the calibration. check: of the step after, None before it.
+    sound, latency, estimate: the results of the steps before: the effect of the water, the latency of the tracker where
+    it was measured, and what motion without a phantom showed of the calibration. check: that of the step after, None
+    before it.
 
-    thumbnails: of each view, what was around the crossing. last: what the newest picture showed. lost: samples that
-    the feed did not tell.
+    thumbnails: for each view, what was around the crossing. last: what the newest picture showed. lost: the number of
+    samples that the feed did not deliver.
     """
 
     reference: Calibration | None
@@ -68,7 +72,7 @@ class Scanned:
         latency: Latency | None = None,
         estimate: Estimate | None = None,
     ) -> "Scanned":
-        """A scan that has seen nothing yet."""
+        """Returns a scan that has seen nothing yet."""
         scale = ROUGH_SCALE_MM_PER_PX
         if reference is not None:
             lateral, axial = reference.scale_mm_per_px
@@ -77,7 +81,7 @@ class Scanned:
         return cls(reference, wanted, scan, scale, sound or Sound(None), latency, estimate)
 
     def take(self, sample: Frame | Pose, checking: bool = False) -> None:
-        """The next sample of the feed. checking: of the other crossing."""
+        """Takes the next sample of the feed. checking: whether it is of the other crossing."""
         if isinstance(sample, Frame):
             self._recent.append(sample)
         else:
@@ -92,24 +96,24 @@ class Scanned:
             self._looks.append(last)
 
     def settle(self, view: View) -> None:
-        """A passage of the scan, which is as good as over."""
+        """Adds the view of a passage of the scan, which is as good as over."""
         self._running().add(view)
         self._stale = True
         self.thumbnails.append(self._cut(view.t_ns, view.centre_px))
 
     def look_at(self, t_ns: int) -> dict[str, Any] | None:
-        """What was found in the picture of that time, None where it was not one of the last."""
+        """Returns what was found in the picture of that time, None where it was not one of the last."""
         return next((look_fields(look) for look in self._looks if look.t_ns == t_ns), None)
 
     def strike(self, index: int, struck: bool) -> None:
-        """Leave a view out, or take it back. Raises IndexError."""
+        """Leaves a view out, or takes it back. Raises IndexError."""
         if not 0 <= index < len(self.thumbnails):
             raise IndexError(f"there is no view {index + 1}")
         self._running().strike(index, struck)
         self._stale = True
 
     def correct(self, index: int, centre_px: tuple[float, float]) -> None:
-        """Put the crossing of a view elsewhere. Raises IndexError, ValueError."""
+        """Puts the crossing of a view elsewhere. Raises IndexError, ValueError."""
         if not 0 <= index < len(self.thumbnails):
             raise IndexError(f"there is no view {index + 1}")
         self._running().correct(index, centre_px)
@@ -117,7 +121,7 @@ class Scanned:
 
     @property
     def sha256(self) -> str:
-        """SHA-256 of all views, struck out or not: time, place in the picture, pose."""
+        """Returns the SHA-256 of all views, struck out or not: time, place in the picture, pose."""
         digest = hashlib.sha256()
         for view in () if self.running is None else self.running.views:
             digest.update(f"{view.t_ns} {view.centre_px.tolist()} {view.matrix.tolist()}\n".encode())
@@ -125,13 +129,13 @@ class Scanned:
 
     @property
     def state(self) -> Running | None:
-        """What the views give, None before the first; solved again only where something has changed."""
+        """Returns the solution of the views, None before the first; solves again only where something has changed."""
         if self._stale and self.running is not None:
             self._state, self._stale = self.running.state(self.scan.misses_mm), False
         return self._state
 
     def refusals(self) -> tuple[Refusal, ...]:
-        """What stands against taking it now."""
+        """Returns what stands against taking the calibration now."""
         state = self.state
         if state is None:
             return ()
@@ -140,7 +144,7 @@ class Scanned:
         return tuple(one for one in state.refusals if one.parameter in ("", "rotation-lateral", "rotation-axial"))
 
     def begin_check(self, known_mm: Vector | None) -> None:
-        """Look at the crossing elsewhere. Raises ScanRefused where there is nothing to check yet."""
+        """Begins the check at the crossing elsewhere. Raises ScanRefused where there is nothing to check yet."""
         self._in_water()
         assert self.state is not None
         assert self.state.whole is not None
@@ -148,15 +152,15 @@ class Scanned:
         self.check = CheckStep(1e3 * (stated_s + self.state.whole.latency_s), self.scale_mm_per_px, known_mm)
 
     def checked(self) -> dict[str, Any] | None:
-        """How far the calibration of these views is off at the second crossing; None where that was not scanned."""
+        """Returns how far the calibration of these views is off at the second crossing; None if it was not scanned."""
         state = self.state
         if self.check is None or state is None or state.whole is None or self.refusals():
             return None
         return self.check.fields(self._in_water(), state.whole.crossing_mm)
 
     def check_record(self) -> str:
-        """Record of the check for the provenance. Raises ScanRefused where the other point was not looked at, or does
-        not pass.
+        """Returns the record of the check for the provenance. Raises ScanRefused where the other point was not scanned,
+        or does not pass.
         """
         found = self.checked()
         if found is None or found["why"] or self.check is None or self.state is None or self.state.whole is None:
@@ -165,7 +169,7 @@ class Scanned:
         return self.check.record(self._in_water(), self.state.whole.crossing_mm)
 
     def calibration(self) -> Calibration:
-        """What is to be taken, as it is in tissue. Raises ScanRefused where the scan does not support it."""
+        """Returns the calibration to be taken, as in tissue. Raises ScanRefused where the scan does not support it."""
         return self.sound.for_tissue(self._in_water())
 
     def _in_water(self) -> Calibration:
@@ -209,7 +213,7 @@ class Scanned:
 
 
 def look_fields(look: Look | None) -> dict[str, Any] | None:
-    """What the newest picture showed."""
+    """Returns what one picture showed, in plain numbers."""
     if look is None:
         return None
     found = look.found
@@ -226,7 +230,7 @@ def look_fields(look: Look | None) -> dict[str, Any] | None:
 
 
 def counts_of(scanned: Scanned) -> dict[str, Any]:
-    """What changes with every picture."""
+    """Returns the fields that change with every picture."""
     scan = scanned.scan
     return {
         "pictures": scan.pictures,
@@ -239,7 +243,7 @@ def counts_of(scanned: Scanned) -> dict[str, Any]:
 
 
 def state_fields(scanned: Scanned) -> dict[str, Any]:
-    """The running result in plain numbers, None where nothing is known."""
+    """Returns the running result in plain numbers, None where nothing is known."""
     state = scanned.state
     fields: dict[str, Any] = {
         "wanted": scanned.wanted,
@@ -257,6 +261,7 @@ def state_fields(scanned: Scanned) -> dict[str, Any]:
     if state is None or scanned.running is None:
         return fields
     residual = None if state.whole is None else state.whole.residual_mm
+    # The residual has one row for each view that is not struck out, in their order.
     kept_of = iter(range(len(state.used)))
     views = []
     for index, view in enumerate(scanned.running.views):
@@ -290,7 +295,7 @@ def state_fields(scanned: Scanned) -> dict[str, Any]:
 
 
 def _others(scanned: Scanned, new: Calibration) -> dict[str, tuple[Vector, Vector]]:
-    """How far other calibrations are from the new one."""
+    """Returns how far other calibrations are from the new one."""
     if scanned.reference is None:
         return {}
     others = {"in force": difference_in_sigmas(new, scanned.reference)}
@@ -322,5 +327,5 @@ def _finite(value: float) -> float | None:
 
 
 def marked(calibration: Calibration, simulated: bool) -> Calibration:
-    """The text with the mark of what was made of simulated pictures."""
+    """Returns the calibration with the mark of whether it was made from simulated pictures."""
     return replace(calibration, simulated=simulated)

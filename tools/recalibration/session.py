@@ -1,10 +1,10 @@
-"""One live recalibration at a time: page and terminal drive this object, and any number of people look at it.
+"""Runs one live recalibration at a time: page and terminal drive this object, and any number of people view it.
 
-idle → (latency →) scanning → review → (checking → review →) proving → done; a scan that is rejected, abandoned or gone
-back on ends in `ended`, with the calibration before it in force. The service is asked to recalibrate before anything is
-scanned, over a connection that lives as long as the scan (where it breaks, the service gives the scan up), and asked
-again where it has come back without remembering: the contact stays open from the first until the service has proved
-what it took. Nothing that goes wrong here closes it.
+idle → (latency →) scanning → review → (checking → review →) proving → done; a scan that is rejected, abandoned or not
+verified ends in `ended`, with the calibration before it in force. The service is asked to recalibrate before anything
+is scanned, over a connection that lives as long as the scan (where it breaks, the service gives the scan up), and again
+where it comes back without remembering: the contact stays open from the first request until the service has proved what
+it took. Nothing that goes wrong here closes it.
 """
 
 import contextlib
@@ -42,17 +42,17 @@ from probewatch.tools.shared.threaded import Threaded
 from probewatch.tools.shared.verification import waits_for
 
 _LOOK_S = 0.5
-"""Between two looks at the service's state, and before a lost feed is asked for again: ten ticks."""
+"""Seconds between two looks at the service's state, and before a lost feed is asked for again: ten ticks."""
 _SOLVE_EVERY_S = 0.5
-"""Between two solutions while views come: a person reads no faster, and 300 views take .1 s."""
+"""Seconds between two solutions while views come: a person reads no faster, and 300 views take .1 s."""
 _LATENCY_EVERY_S = 1.0
-"""Between two solutions of the latency: one of a minute's pictures takes some .2 s. Not varied."""
+"""Seconds between two solutions of the latency: one of a minute's pictures takes some .2 s. Not varied."""
 _FARTHEST_MM = 1e5
-"""Of a point from the tracker's origin; no tracker sees so far, and NaN is not less."""
+"""Distance of a point from the tracker's origin, mm; no tracker sees so far, and NaN is not less."""
 
 
 class ScanSession(Threaded):
-    """control, feed: sockets of the service. folder: where new calibrations are written, readable to the service.
+    """Leads one scan. control, feed: sockets of the service. folder: for new calibrations, readable by the service.
 
     watch: of the same service. now_s: a clock in seconds. Requests raise ProbewatchError, in words for the technician.
     """
@@ -85,7 +85,7 @@ class ScanSession(Threaded):
         self._solved_s = 0.0
 
     def close(self) -> None:
-        """A scan that nobody can finish any more is given up, so that the cart can be used."""
+        """Gives up a scan that nobody can finish any more, so that the cart can be used."""
         self._ended.set()
         self._changed.set()
         self._thread.join(2 * ANSWER_S)
@@ -99,7 +99,7 @@ class ScanSession(Threaded):
         return self._phase
 
     def fields(self) -> dict[str, Any]:
-        """Everything there is to show; docs/page.md lists the phases."""
+        """Returns everything there is to show; docs/page.md lists the phases."""
         with self._lock:
             begin = self._begin
             return {
@@ -115,7 +115,7 @@ class ScanSession(Threaded):
             }
 
     def look_at(self, t_ns: int) -> dict[str, Any] | None:
-        """What was found in the picture of that time; None while nothing is scanned, or it was not one of the last."""
+        """Returns what was found in the picture of that time; None where nothing is scanned, or it is too old."""
         with self._lock:
             scanned = self._scanned
             if scanned is None or self._phase not in (Phase.SCANNING, Phase.CHECKING):
@@ -124,7 +124,7 @@ class ScanSession(Threaded):
 
     @property
     def looked_ns(self) -> int | None:
-        """Time of the newest picture that was looked at; None while nothing is scanned."""
+        """Returns the time of the newest picture that was examined; None while nothing is scanned."""
         scanned = self._scanned
         if scanned is None or self._phase not in (Phase.SCANNING, Phase.CHECKING):
             return None
@@ -132,7 +132,7 @@ class ScanSession(Threaded):
         return None if look is None else look.t_ns
 
     def thumbnail(self, index: int) -> Any:
-        """(h, w) uint8 around the crossing of a view, None where there is no such view."""
+        """Returns the picture around the crossing of a view, (h, w) uint8, None where there is no such view."""
         with self._lock:
             known = [] if self._scanned is None else self._scanned.thumbnails
             return known[index] if 0 <= index < len(known) else None
@@ -146,7 +146,7 @@ class ScanSession(Threaded):
                     f"{who} recalibrates already", "recalibration", "Look on, or have it rejected first"
                 )
             begin = checked(begin)
-            check_writable(self._folder / "calibration")  # now, and not once the scan is signed
+            check_writable(self._folder / "calibration")  # checked now, not once the scan is signed
             self._status = self._watch.seen().status or {}
             self._service.grasp()
             self._latency = LatencyStep() if begin.latency else None
@@ -215,12 +215,12 @@ class ScanSession(Threaded):
         self._changed.set()
 
     def strike(self, index: int, struck: bool = True) -> None:
-        """Leave a view out, or take it back."""
+        """Leaves a view out, or takes it back."""
         with self._lock:
             self._change(lambda scanned: scanned.strike(index, struck))
 
     def correct(self, index: int, centre_px: tuple[float, float]) -> None:
-        """Put the crossing of a view elsewhere, (column, row)."""
+        """Puts the crossing of a view elsewhere, (column, row)."""
         with self._lock:
             self._change(lambda scanned: scanned.correct(index, centre_px))
 
@@ -232,7 +232,7 @@ class ScanSession(Threaded):
             self._scanned.calibration()
 
     def require_second(self, name: str) -> None:
-        """Raises ProbewatchError where that person may not sign what this one scanned."""
+        """Raises ProbewatchError where the named person may not sign what the technician scanned."""
         assert self._begin is not None
         sign_off(self._begin, signed(Signature(name, "–"))).check()
 
@@ -286,7 +286,7 @@ class ScanSession(Threaded):
             self._look()
 
     def _scan(self) -> None:
-        """Listen until the phase changes, or the feed is lost."""
+        """Takes messages of the feed until the phase changes, or the feed is lost."""
         phase = self._phase
         try:
             with Feed(self._feed) as feed:
@@ -348,7 +348,7 @@ class ScanSession(Threaded):
         self._solve()
 
     def _look(self) -> None:
-        """Renews the hold on the service; after it, looks at what the service says of the new calibration."""
+        """Renews the hold on the service; after signing, follows its report on the new calibration."""
         seen = self._watch.seen()
         with self._lock:
             if self._phase in HELD:
@@ -357,7 +357,7 @@ class ScanSession(Threaded):
                         self._abort(why)
                     return
                 try:
-                    if self._phase is Phase.REVIEW:  # a question that nobody may ever answer takes nothing
+                    if self._phase is Phase.REVIEW:  # an unattended review must not take the service
                         self._service.keep()
                     else:
                         self._service.hold(seen)
@@ -388,7 +388,7 @@ class ScanSession(Threaded):
             self._message = f"not verified, the calibration before is in force: {status['state']}: {status['reason']}"
 
     def _abort(self, why: str) -> None:
-        """Raises ProbewatchError where the service does not answer; then nothing has changed here either."""
+        """Ends the recalibration. Raises ProbewatchError, and changes nothing, where the service does not answer."""
         self._service.abort()
         self._phase, self._message, self._trouble = Phase.ENDED, why, ""
 

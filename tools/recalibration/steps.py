@@ -1,4 +1,5 @@
-"""The guided steps of a live recalibration beside the scan itself: water, latency, and the point that closes it.
+"""Implements the guided steps of a live recalibration beside the scan itself: water, latency, and the check at another
+point, which closes it.
 
 Not safe for two threads at once; the session has the lock.
 """
@@ -21,19 +22,20 @@ from probewatch.tools.shared.crosswire_review import difference_in_sigmas
 from probewatch.tools.shared.stated_change import stated_change
 
 SETTINGS_M_S = (1400.0, 1700.0)
-"""Of scanners: what `probewatch recalibrate --scanner-m-s` takes."""
+"""Range of a scanner's speed of sound, m/s, that `probewatch recalibrate --scanner-m-s` takes."""
 _ELSEWHERE_MM = 10.0
-"""From the crossing of the scan, for the point to be another one: what a wrong scale or rotation misplaces grows with
-that distance, and 5 % of it are then half of what passes. Less checks the scan against itself. Not varied.
+"""Distance from the crossing of the scan, mm, at which a point counts as another one: what a wrong scale or rotation
+misplaces grows with that distance, and 5 % of it are then half of what passes. Less checks the scan against itself. Not
+varied.
 """
 MOST_PICTURES = 1800
-"""Of the latency's line: a minute at 30 Hz. More takes memory and the time of a solution, .1 s a thousand."""
+"""Pictures of the latency's line: a minute at 30 Hz. More takes memory and the time of a solution, .1 s a thousand."""
 
 
 class Sound:
-    """What the water does to depths. water_c: None where nobody has measured it, as with ethanol in it.
+    """Computes what the water does to depths. water_c: None where nobody has measured it, as with ethanol in it.
 
-    corrected: the axial scale is to be carried over to tissue; for linear arrays alone. Raises ControlRefused.
+    corrected: whether the axial scale is to be carried over to tissue; for linear arrays alone. Raises ControlRefused.
     """
 
     def __init__(self, water_c: float | None, scanner_m_s: float = SCANNER_M_S, corrected: bool = False) -> None:
@@ -56,12 +58,12 @@ class Sound:
 
     @property
     def error(self) -> float:
-        """Relative, of depths: positive where they appear too deep; 0 where it is not known."""
+        """Returns the relative error of depths: positive where they appear too deep; 0 where it is not known."""
         return 0.0 if self.water_m_s is None else self.scanner_m_s / self.water_m_s - 1
 
     @property
     def text(self) -> str:
-        """The scale check in words; empty where it was not measured."""
+        """Returns the scale check in words; empty where the temperature was not measured."""
         if self.water_m_s is None:
             return ""
         deep = "too deep" if self.error > 0 else "too shallow"
@@ -72,14 +74,18 @@ class Sound:
         )
 
     def for_tissue(self, calibration: Calibration) -> Calibration:
-        """The scale where sound travels as the scanner assumes, where that was asked for."""
+        """Returns the calibration with its scale carried over to where sound travels as the scanner assumes, where that
+        was asked for.
+        """
         if not self.corrected or self.water_m_s is None:
             return calibration
         return for_tissue(calibration, self.water_m_s, self.scanner_m_s)
 
 
 class LatencyStep:
-    """The probe is moved up and down over the bottom of the tank. found: None while the motion does not show it."""
+    """Measures the latency while the probe is moved up and down over the bottom of the tank. found: None while the
+    motion does not show it.
+    """
 
     def __init__(self) -> None:
         self._line = BottomLine()
@@ -88,16 +94,18 @@ class LatencyStep:
 
     @property
     def full(self) -> bool:
-        """Whether as much is collected as is kept; no more is taken."""
+        """Returns whether as much is collected as is kept; no more is taken."""
         return self._line.pictures >= MOST_PICTURES
 
     def take(self, sample: Frame | Pose) -> None:
-        """The next sample of the feed; after a minute no more are taken."""
+        """Takes the next sample of the feed; after a minute no more are taken."""
         if not self.full:
             self._line.step(sample)
 
     def solve(self) -> None:
-        """Again, of all samples so far. A whole minute that does not show it is thrown away, and another one begins."""
+        """Solves for the latency from all samples so far. A whole minute that does not show it is thrown away, and
+        another one begins.
+        """
         if self.full and self.found is not None:
             return
         self.found = self._line.latency()
@@ -116,14 +124,16 @@ class LatencyStep:
 
 
 class CheckStep:
-    """A second, short scan of a crossing elsewhere. known_mm: where it is, tracker axes, if a pointer has found it."""
+    """Makes a second, short scan of a crossing elsewhere. known_mm: its place, tracker axes, if found by a pointer."""
 
     def __init__(self, latency_ms: float, scale: tuple[float, float], known_mm: Vector | None) -> None:
         self.scan = CrosswireScan(latency_ms, scale)
         self._known_mm = known_mm
 
     def judged(self, calibration: Calibration, crossing_mm: Vector) -> tuple[PointCheck | None, str]:
-        """What that calibration makes of it, and why it does not pass, if so. crossing_mm: of the scan."""
+        """Returns the check of that calibration at the point, and why it does not pass, if so. crossing_mm: the
+        crossing of the scan.
+        """
         views = self.scan.views
         if len(views) < LEAST_VIEWS:
             return None, f"{len(views)} passages through the other crossing, {LEAST_VIEWS} are needed"
@@ -147,7 +157,7 @@ class CheckStep:
         }
 
     def record(self, calibration: Calibration, crossing_mm: Vector) -> str:
-        """Record for the provenance of what has passed."""
+        """Returns the record for the provenance of a check that has passed."""
         check, _ = self.judged(calibration, crossing_mm)
         assert check is not None
         how = "from where it is" if check.known else "about one place"
@@ -156,21 +166,21 @@ class CheckStep:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Estimate:
-    """What motion over tissue, without a phantom, last said: how far the calibration is from the reference, (8,) in the
-    order and units of PARAMETERS, NaN where that was not observed, and its sigma.
+    """Holds what motion over tissue, without a phantom, last showed: how far the calibration is from the reference,
+    (8,) in the order and units of PARAMETERS, NaN where that was not observed, and its sigma.
     """
 
     change: Vector
     sigma: Vector
 
     def less(self, new: Calibration, reference: Calibration) -> tuple[Vector, Vector]:
-        """(8,) the estimate less the new calibration, and that ÷ the sigmas of both. Rotations are small and add."""
+        """Returns (8,) the estimate less the new calibration, and that ÷ the sigmas of both. Small rotations add."""
         change = difference_in_sigmas(new, reference)[0] + self.change
         variance = np.square(self.sigma) + (0.0 if new.covariance is None else np.diag(new.covariance))
         return change, np.asarray(change / np.sqrt(variance))
 
 
 def estimate_of(status: Mapping[str, Any]) -> Estimate | None:
-    """The estimate in the service's status before the scan, None where it had observed nothing."""
+    """Returns the estimate in the service's status before the scan, None where it had observed nothing."""
     change, sigma = stated_change(status.get("checks", ()))
     return Estimate(change, sigma) if np.any(np.isfinite(change)) else None

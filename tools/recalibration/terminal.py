@@ -1,4 +1,4 @@
-"""The live recalibration in a terminal: the session of the page, with lines instead of buttons."""
+"""Leads the live recalibration in a terminal: drives the session of the page, with lines instead of buttons."""
 
 import select
 import sys
@@ -25,24 +25,24 @@ from probewatch.tools.shared.crosswire_review import comparison_table
 from probewatch.tools.shared.verification import with_motions
 
 _EVERY_S = 0.25
-"""Between two pictures, as of `probewatch status --watch`; how late a line is heard."""
+"""Seconds between two pictures, as of `probewatch status --watch`, and the longest delay of a typed line."""
 _MOST_REFUSALS = 4
-"""Shown at once: what to mend first stands in front."""
+"""Refusals shown at once; what to mend first comes first."""
 
 _LINE_EVERY_S = 10.0
-"""Between two lines into a pipe or a file, where nothing is redrawn: seen to go on; more often fills a log."""
+"""Seconds between two lines into a pipe or a file, where nothing is redrawn: progress shows; more often fills a log."""
 
 _COMPLETE = "The scan is complete: press Enter, or scan on for smaller sigmas."
 _GERMAN_ANSWERS = {"annehmen": "accept", "prüfen": "check", "weiter": "scan on", "ablehnen": "reject"}
 _SKIP = ("skip", "auslassen")
 _BEFORE = (Phase.LATENCY, Phase.SCANNING, Phase.REVIEW, Phase.CHECKING)
-"""Phases before something is taken."""
+"""Phases before a calibration is taken."""
 
 Fields = Mapping[str, Any]
 
 
 class _Lines:
-    """How far it is, for a pipe or a file, in which nothing is redrawn; silent on a terminal."""
+    """Prints the progress into a pipe or a file, in which nothing is redrawn; silent on a terminal."""
 
     def __init__(self, console: Console) -> None:
         self._silent, self._said, self._at_s = console.is_terminal, "", -inf
@@ -56,7 +56,7 @@ class _Lines:
 
 
 def progress_text(fields: Fields, language: str = "en") -> str:
-    """How far a scan is, in one line."""
+    """Returns how far a scan is, in one line."""
     scan = fields["scan"]
     if fields["trouble"] or scan is None:
         return recognised(str(fields["trouble"] or "waiting for the first picture"), language)
@@ -75,8 +75,8 @@ def _said(refusals: Sequence[Fields], language: str) -> list[Fields]:
 
 
 def run(session: ScanSession, begin: Begin, signature: Signature | None, language: str = "en") -> None:
-    """The whole procedure. signature: of the second person, where he need not be asked; then nobody is asked anything,
-    the scan ends as soon as nothing stands against it, and a difference is not accepted.
+    """Leads the whole procedure. signature: that of the second person, where that person need not be asked; then nobody
+    is asked anything, the scan ends as soon as nothing stands against it, and a difference is not accepted.
 
     Raises ProbewatchError where it ends without a new calibration, click.Abort for Ctrl-C; a scan is then rejected.
     """
@@ -95,7 +95,7 @@ def run(session: ScanSession, begin: Begin, signature: Signature | None, languag
 
 
 def words(question: str, language: str = "en") -> str:
-    """What a person types; asked for again where that is nothing but spaces: what is refused later was typed in vain.
+    """Returns what a person types; asks again where that is nothing but spaces, which would be refused only later.
 
     Raises click.Abort.
     """
@@ -109,7 +109,7 @@ def _not_blank(language: str, text: str) -> str:
 
 
 def picture(fields: Fields, language: str = "en") -> RenderableType:
-    """What the page shows of a scan, in lines."""
+    """Returns what the page shows of a scan, in lines."""
     scan = fields["scan"]
     lines: list[RenderableType] = []
     if fields["trouble"]:
@@ -155,7 +155,7 @@ def _scan(session: ScanSession, alone: bool, language: str) -> None:
 
 
 def _latency(session: ScanSession, language: str) -> None:
-    """Over the bottom of the tank, until the person takes what was measured, or leaves it to the scan."""
+    """Shows the measurement over the bottom of the tank, until the person takes the result or leaves it to the scan."""
     if session.phase is not Phase.LATENCY:
         return
     console = Console(file=sys.stdout, highlight=False)
@@ -174,7 +174,7 @@ def _latency(session: ScanSession, language: str) -> None:
 
 
 def latency_text(latency: Fields | None, language: str = "en") -> str:
-    """How far the measurement of the latency is."""
+    """Returns how far the measurement of the latency is."""
     if latency is None:
         return told("waiting for the first picture", language)
     counted = "bottom seen in {seen} of {pictures} pictures"
@@ -188,7 +188,7 @@ def latency_text(latency: Fields | None, language: str = "en") -> str:
 
 
 def check_text(check: Fields | None, language: str = "en") -> str:
-    """How the other point lies."""
+    """Returns the result of the check at the other point."""
     if check is None:
         return told("no check at another point yet", language)
     why = recognised(str(check["why"]), language)
@@ -202,7 +202,7 @@ def check_text(check: Fields | None, language: str = "en") -> str:
 
 
 def _check(session: ScanSession, language: str) -> None:
-    """Check at a crossing elsewhere, until the person ends it."""
+    """Shows the check at a crossing elsewhere, until the person ends it."""
     if session.phase is not Phase.CHECKING:
         return
     console = Console(file=sys.stdout, highlight=False)
@@ -219,7 +219,7 @@ def _check(session: ScanSession, language: str) -> None:
 
 
 def _refused_aloud(console: Console, request: Callable[[], None], language: str) -> None:
-    """What is refused, of whatever kind, costs nobody his scan."""
+    """Makes a request and prints its refusal, of whatever kind, so that none costs the scan."""
     try:
         request()
     except ProbewatchError as error:
@@ -231,7 +231,7 @@ def _recognised_error(error: ProbewatchError, language: str) -> ProbewatchError:
 
 
 def _review(session: ScanSession, signature: Signature | None, language: str) -> None:
-    """Review it until it is accepted, rejected or scanned on."""
+    """Shows the review until the scan is accepted, rejected or resumed."""
     console = Console(file=sys.stdout, highlight=False)
     while session.phase is Phase.REVIEW:
         session.attendance.touch()
@@ -272,7 +272,7 @@ def _answer(session: ScanSession, said: str, fields: Fields, language: str = "en
 
 
 def _accepted(views: int, language: str) -> str:
-    """What can be answered in the review."""
+    """Returns what can be answered in the review."""
     choices = "Type accept, check, scan on or reject"
     struck = "Type accept, check, scan on or reject, or numbers of views from 1 to {views}, such as '2 5'"
     return told(struck, language, views=views) if views else told(choices, language)
@@ -295,7 +295,9 @@ def _accept(session: ScanSession, check: Fields | None, language: str) -> None:
 
 
 def _second_person(session: ScanSession, language: str) -> str:
-    """Asked for first, and again at once where it is the one who scanned: nothing is typed twice."""
+    """Returns the name of the second person. It is asked for first, and again at once where it is the one who scanned,
+    so that nothing is typed twice.
+    """
     while True:
         name = words(told("name of the second person", language), language)
         try:
@@ -328,7 +330,7 @@ def _prove(session: ScanSession, language: str) -> None:
 
 
 def _line_within(seconds: float) -> str | None:
-    """What was typed, None where nothing was. Raises click.Abort at the end of the input."""
+    """Returns what was typed, None where nothing was. Raises click.Abort at the end of the input."""
     ready, _, _ = select.select([sys.stdin], [], [], seconds)
     if not ready:
         return None

@@ -1,1 +1,1 @@
-"""The recorder of a cart: a client of the service's feed that writes black boxes. The service needs none."""
+"""Records a cart: a client of the service's feed that writes black boxes. The service does not need it."""

@@ -1,4 +1,4 @@
-"""What is written of the feed, and when: line after line, with the patient's name left out. It reads no clock."""
+"""Decides what is written of the feed, and when: line after line, without the patient's name. It reads no clock."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -15,28 +15,28 @@ from probewatch.drivers.samples import Frame
 from probewatch.tools.recorder.ring import DiskRing
 
 _STATE_EVERY_NS = 10_000_000_000
-"""Between two states that are the same but for their figures: a replay shows them as a curve. More often is more to
-write, and chunks of a quiet night."""
+"""Nanoseconds between two states that differ in their figures alone: a replay shows them as a curve. More often is more
+to write, and more chunks in a quiet night."""
 _AGAIN_NS = 5_000_000_000
-"""Before a disk that failed, or was full, is tried again."""
+"""Nanoseconds before a disk that failed, or was full, is tried again."""
 _WITHHELD_EVERY_NS = 1_000_000_000
-"""Between two entries that tell of pictures withheld."""
+"""Nanoseconds between two entries that report withheld pictures."""
 _SAID = ("state", "fault", "reason", "latched", "acknowledged", "energised", "notices", "lost", "reference")
-"""Of the status: what is worth an entry when it changes; so is who silenced the sound. What people ask shows there."""
+"""Fields of the status whose change is worth an entry, as is that of the sound's mode. People's requests show there."""
 _LONGEST_MARK_NS = 3_600_000_000_000
-"""Of a stretch that a person started and forgot: an hour. Longer pushes kept alarms out for nothing."""
+"""Nanoseconds of a stretch that a person started and forgot: an hour. Longer evicts kept alarms for nothing."""
 _ALREADY = "a stretch is being kept already. End it: probewatch record stop"
 _NEITHER = (
     "no stretch is being kept: none was started, or it has ended, as it does after an hour. "
     "Begin one: probewatch record start"
 )
 _QUIET = ("low", "none")
-"""Priorities of states that are no alarm."""
+"""Priorities of states that are not alarms."""
 
 
 @dataclass(frozen=True, slots=True)
 class Keeping:
-    """What is kept of an alarm, ns before and after; every, text: as of the configuration."""
+    """Holds how much is kept of an alarm, ns before and after. every, blacken: by every and text of [recorder]."""
 
     before_ns: int
     after_ns: int
@@ -45,10 +45,11 @@ class Keeping:
 
 
 class Recorder:
-    """session: names this run. software, utc: for the file's head; utc(now_ns) is a date as ISO 8601. say: prints for
-    the journal.
+    """Writes a run of the feed. session: names this run. software, utc: for the file's head; utc(now_ns) is a date as
+    ISO 8601. say: writes to the journal.
 
-    failing: why nothing is written at present, None while it is. withheld, lost: samples that are not in the files.
+    failing: why nothing is written at present, None while it is. withheld, lost: numbers of samples that are not in the
+    files.
     """
 
     def __init__(
@@ -76,7 +77,7 @@ class Recorder:
         self.withheld = self.lost = 0
 
     def take(self, message: FeedMessage, now_ns: int) -> None:
-        """Take a message of the feed."""
+        """Takes a message of the feed."""
         if isinstance(message, LineStarted):
             self._made = Made(message.settings, message.step)
             self._step = message.step
@@ -91,12 +92,12 @@ class Recorder:
             self._put(Gap("this recorder was too slow, or the computer too busy", message.samples), now_ns)
 
     def interrupted(self, why: str, now_ns: int) -> None:
-        """The feed has ended; what follows begins with settings of its own."""
+        """Records that the feed has ended; what follows begins with settings of its own."""
         self._made = None
         self._put(Gap(why), now_ns)
 
     def state(self, status: dict[str, Any], now_ns: int) -> None:
-        """Take a status of the control socket; as often as it is asked."""
+        """Takes a status of the control socket, as often as the service is asked for it."""
         before, self._status = self._status, status
         changed = before is None or _said(before) != _said(status)
         if changed or now_ns - self._noted_ns >= _STATE_EVERY_NS:
@@ -127,7 +128,7 @@ class Recorder:
         self._keep(now_ns, now_ns + _LONGEST_MARK_NS)
 
     def fields(self) -> dict[str, Any]:
-        """Fields for the reply on how it does."""
+        """Returns the fields of the reply about the recorder's state."""
         sizes, counts = self._ring.sizes, self._ring.counts
         return {
             "session": self._session,
@@ -145,7 +146,7 @@ class Recorder:
         }
 
     def close(self) -> None:
-        """End the file."""
+        """Ends the file."""
         self._ring.close_part()
 
     def _sample(self, taken: Taken, now_ns: int) -> None:
@@ -191,7 +192,7 @@ class Recorder:
             self._fail(error.strerror or str(error), now_ns)
 
     def _write(self, item: Item, now_ns: int) -> None:
-        """No part begins between a sample and its verdict."""
+        """Writes the item, in a new part where one is due; no part begins between a sample and its verdict."""
         if not self._ring.is_open or (self._ring.due(now_ns) and not isinstance(item, Verdict)):
             self._begin(now_ns, fresh=isinstance(item, Made))
         if self._missing is not None:
@@ -200,7 +201,7 @@ class Recorder:
         self._ring.put(item, now_ns)
 
     def _begin(self, now_ns: int, fresh: bool) -> None:
-        """A part begins with what it needs to be read alone. Raises OSError where the disk has no room to spare."""
+        """Begins a part with what it needs to be read alone. Raises OSError where the disk has no room to spare."""
         if not self._ring.room():
             raise OSError(28, "the disk has less free than [recorder] leave_free_gb")
         simulated = tuple(str(url) for url in (self._status or {}).get("simulated", ()))

@@ -1,4 +1,4 @@
-"""Files of a recorder on the disk: a ring of the latest, and what is kept of it; never more than their bounds."""
+"""Keeps the files of a recorder on the disk: a ring of the latest, and those kept of it; never beyond their bounds."""
 
 import os
 import shutil
@@ -17,16 +17,16 @@ from probewatch.drivers.files.regular_file import open_regular
 RING, KEPT, SUFFIX = "ring", "kept", ".mcap"
 
 PART_NS = 60_000_000_000
-"""Of one file. Longer keeps more around an alarm than was asked for; shorter makes thousands of files."""
+"""Nanoseconds of one file. Longer keeps more around an alarm than was asked for; shorter makes thousands of files."""
 _PART_SHARE = 8
-"""Parts that the ring holds at least, however large the pictures are: less and an eviction takes most of it."""
+"""Parts that the ring holds at least, however large the pictures are: with fewer, an eviction takes most of it."""
 _MOST_WINDOWS = 64
-"""Times to be kept that are remembered while they may still have files to come: an alarm a second for a minute."""
+"""Times to be kept that are remembered while files of them may still come: an alarm a second for a minute."""
 
 
 @dataclass(frozen=True, slots=True)
 class Bounds:
-    """Bytes. leave_free: of the disk, for others."""
+    """Holds the bounds, bytes. leave_free: those of the disk that are left to others."""
 
     ring: int
     kept: int
@@ -35,7 +35,7 @@ class Bounds:
 
 @dataclass(slots=True)
 class _Part:
-    """A file. from_ns, to_ns: CLOCK_MONOTONIC; None for one of an earlier run, whose clock may be another."""
+    """Represents a file. from_ns, to_ns: CLOCK_MONOTONIC; None for one of an earlier run, whose clock may differ."""
 
     path: Path
     size: int
@@ -55,10 +55,11 @@ class _Open:
 
 
 class DiskRing:
-    """Every call raises OSError where the disk does; `close_part` after that, and go on when it may be better.
+    """Writes the parts and evicts the oldest. Every call raises OSError where the disk does; after that, call
+    `close_part`, and go on when the disk may have recovered.
 
-    free_bytes: of the disk, as it was last looked at. evicted: files that the bounds took. What earlier runs left
-    counts and is taken first.
+    free_bytes: those of the disk when it was last examined. evicted: number of files that were removed to hold the
+    bounds. What earlier runs left counts and is removed first.
     """
 
     def __init__(
@@ -78,7 +79,7 @@ class DiskRing:
 
     @property
     def sizes(self) -> dict[str, int]:
-        """Bytes of "ring" and "kept"."""
+        """Returns the bytes of "ring" and "kept"."""
         open_bytes = 0 if self._open is None else self._open.written
         return {
             name: sum(part.size for part in parts) + open_bytes * (name == RING) for name, parts in self._parts.items()
@@ -86,21 +87,21 @@ class DiskRing:
 
     @property
     def counts(self) -> dict[str, int]:
-        """Files of either."""
+        """Returns the number of files of either."""
         return {name: len(parts) + (name == RING and self._open is not None) for name, parts in self._parts.items()}
 
     @property
     def is_open(self) -> bool:
-        """Whether a file is being written."""
+        """Returns whether a file is being written."""
         return self._open is not None
 
     @property
     def part(self) -> int:
-        """Number of the file that is open, or was last."""
+        """Returns the number of the file that is open, or was last."""
         return self._number
 
     def due(self, now_ns: int) -> bool:
-        """Whether another file is to be begun."""
+        """Returns whether another file is to be begun."""
         if self._open is None:
             return True
         assert self._open.part.from_ns is not None
@@ -108,7 +109,7 @@ class DiskRing:
         return full or now_ns - self._open.part.from_ns >= PART_NS
 
     def begin(self, begun: Begun) -> None:
-        """Close the file that is open and begin the next part."""
+        """Closes the file that is open and begins the next part."""
         self.close_part()
         self._number += 1
         stamp = datetime.fromisoformat(begun.utc).strftime("%Y%m%dT%H%M%S")
@@ -124,15 +125,15 @@ class DiskRing:
         self._open = _Open(stream, writer, _Part(path, 0, begun.t_ns, begun.t_ns))
 
     def put(self, item: Item, now_ns: int) -> None:
-        """Write it; at the end of a chunk that chunk is on the disk, and the bounds hold."""
+        """Writes an item; at the end of a chunk that chunk is on the disk, and the bounds hold."""
         assert self._open is not None
         if self._open.writer.put(item, now_ns):
             self._sync()
         self._open.part.to_ns = now_ns
 
     def keep(self, from_ns: int, to_ns: int) -> None:
-        """What lies in this time is kept, as far as it is still there; also what is to come. A second call with the
-        same from_ns changes its end.
+        """Keeps what lies in this time, as far as it is still there; also what is to come. A second call with the same
+        from_ns changes its end.
         """
         others = [one for one in self._windows if one[0] != from_ns and one[1] >= from_ns - PART_NS]
         self._windows = [*others[-_MOST_WINDOWS:], (from_ns, to_ns)]
@@ -141,8 +142,8 @@ class DiskRing:
         self._bound()
 
     def close_part(self) -> None:
-        """End the file, whole if the disk lets it be; one in which nothing ever reached the disk is removed. Raises
-        nothing: a file that was cut is read as well.
+        """Ends the file, complete if the disk allows it; one of which nothing ever reached the disk is removed. Raises
+        nothing: a file that was cut can be read as well.
         """
         opened, self._open = self._open, None
         if opened is None:
@@ -169,7 +170,7 @@ class DiskRing:
             self._move(part)
 
     def room(self) -> bool:
-        """Whether the disk has any to spare; where it has not, the oldest of the ring goes first."""
+        """Returns whether the disk has room to spare, after removing the oldest files of the ring where it has not."""
         self.free_bytes = self._free(self._folders[RING])
         while self.free_bytes < self._bounds.leave_free and self._parts[RING]:
             self._evict(RING)
@@ -185,7 +186,7 @@ class DiskRing:
         os.fsync(self._open.stream.fileno())
 
     def _bound(self) -> None:
-        """The next chunk has room as well."""
+        """Evicts the oldest files until the bounds hold, with room for the next chunk."""
         bounds = {RING: self._bounds.ring - 2 * self._largest_chunk, KEPT: self._bounds.kept}
         for name, most in bounds.items():
             while self.sizes[name] > most and self._parts[name]:
@@ -206,13 +207,13 @@ class DiskRing:
 
 
 def _closed(stream: BinaryIO) -> None:
-    """What it still held is lost where the disk does not take it; the descriptor is freed either way."""
+    """Closes the stream. What the disk does not take of its contents is lost; the descriptor is freed either way."""
     with suppress(OSError):
         stream.close()
 
 
 def _found(folder: Path) -> list[_Part]:
-    """Files of earlier runs, the oldest first, as their names say. Raises OSError."""
+    """Returns the files of earlier runs, the oldest first, by their names. Raises OSError."""
     files = sorted(path for path in folder.glob(f"*{SUFFIX}") if path.is_file())
     return [_Part(path, path.stat().st_size) for path in files]
 

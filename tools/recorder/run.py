@@ -1,7 +1,7 @@
-"""A recorder at work: it listens to the feed, asks for the status, answers `probewatch record`, and writes.
+"""Runs a recorder: it listens to the feed, asks for the status, answers `probewatch record`, and writes.
 
-Three threads hear, one writes; whatever the disk does, the service is not made to wait: what does not fit into the
-queue stays with the feed, which leaves samples out and says how many.
+Three threads listen, one writes; whatever the disk does, the service does not wait: what does not fit into the queue
+stays with the feed, which leaves samples out and reports how many.
 """
 
 import json
@@ -37,25 +37,25 @@ from probewatch.tools.recorder.ring import Bounds, DiskRing
 from probewatch.tools.shared.feed import Feed
 
 _QUEUED = 96
-"""Messages between hearing and writing, 32 pictures or 1 s, and 16 MB more wait in the feed: so long may a disk pause.
+"""Messages that wait to be written, 32 pictures or 1 s; 16 MB more wait in the feed: a disk may pause for that long.
 More takes memory, of which the largest pictures need 4 MB each."""
 _STATUS_EVERY_S = 0.25
-"""Between two questions: a change of the state is known as soon, and an alarm is minutes long in the files."""
+"""Seconds between two questions, and until a change of the state is known; an alarm is minutes long in the files."""
 _AGAIN_S = 0.02
-"""Before a feed that is not there is asked for again. On a quick computer an estimator that was replaced has its first
-sample within 0.1 s of its feed: with 0.2 s that line was not recorded from its first sample, in three of four runs.
-Shorter takes the processor for nothing: 0.15 % of it now, while there is no service."""
+"""Seconds before a feed that is not there is asked for again. On a quick computer an estimator that was replaced has
+its first sample within 0.1 s of its feed: with 0.2 s that line was not recorded from its first sample, in three of four
+runs. Shorter takes the processor for nothing: 0.15 % of it now, while there is no service."""
 _ANSWER_S = 2.0
-"""For either side of the recorder's own socket to say its line, the whole of it."""
-_LONGEST_LINE = 4096  # as of the control socket
-_GB = 1e9  # as people buy disks
+"""Seconds for either side of the recorder's own socket to send its whole line."""
+_LONGEST_LINE = 4096  # bytes, as on the control socket
+_GB = 1e9  # bytes, as disks are sold
 
 _Task = Callable[[int], None]
 """(CLOCK_MONOTONIC ns) → nothing; what the writing thread is to do."""
 
 
 class RecorderService:
-    """Everything of a recorder. Leave the context to end its file. Raises ConfigurationError where it cannot begin."""
+    """Holds all of a recorder. Leave the context to end its file. Raises ConfigurationError where it cannot begin."""
 
     def __init__(self, config: Config, say: Callable[[str], None] = lambda text: click.echo(text, err=True)) -> None:
         self._config, self._settings, self._say = config, config.recorder, say
@@ -92,7 +92,7 @@ class RecorderService:
         os.close(self._lock)
 
     def run(self, ended: Callable[[], bool]) -> None:
-        """Write until ended() says so."""
+        """Writes until ended() returns true."""
         while not ended():
             with suppress(queue.Empty):
                 self._tasks.get(timeout=_STATUS_EVERY_S)(time.monotonic_ns())
@@ -103,7 +103,7 @@ class RecorderService:
                 self._tasks.get_nowait()(time.monotonic_ns())
 
     def _do(self, task: _Task) -> None:
-        """Wait for room, so that the feed keeps what does not fit; nothing is left behind at the end."""
+        """Queues a task. It waits for room, so that the feed keeps what does not fit, until the recorder ends."""
         while not self._ended.is_set():
             with suppress(queue.Full):
                 self._tasks.put(task, timeout=_STATUS_EVERY_S)
@@ -161,7 +161,7 @@ class RecorderService:
         return {"ok": False, "error": "the recorder is busy; is its disk?"}
 
     def _marked(self, do: str, reason: str, now_ns: int) -> str:
-        """Why it was refused; empty where it was not."""
+        """Carries out a request, and returns why it was refused; empty where it was not."""
         try:
             if do != "status":
                 self.recorder.mark(do, reason, now_ns)
@@ -171,8 +171,8 @@ class RecorderService:
 
 
 def ask(path: Path, do: str, reason: str = "", start: str = "probewatch record") -> dict[str, Any]:
-    """Returns the fields of a running recorder. start: what starts one of this cart. Raises DeviceLost where none
-    answers, ControlRefused where it does not do it now.
+    """Sends a request to a running recorder, and returns its fields. start: the command that starts one for this cart.
+    Raises DeviceLost where none answers, ControlRefused where it does not do it now.
     """
     try:
         with connected(path, 2 * _ANSWER_S) as link:
@@ -192,13 +192,13 @@ def _taking(recorder: Recorder, message: FeedMessage) -> _Task:
 
 
 def _uid(link: socket.socket) -> int:
-    """Of the process that asks, as the kernel knows it."""
+    """Returns the user of the process that asks, as the kernel knows it."""
     _pid, uid, _gid = struct.unpack("3i", link.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, struct.calcsize("3i")))
     return int(uid)
 
 
 def _line(link: socket.socket, timeout_s: float) -> bytes:
-    """Raises OSError; one that is too long counts as none."""
+    """Returns a line; one that is too long counts as none. Raises OSError."""
     try:
         return Lines(link, _LONGEST_LINE).next(timeout_s)
     except ValueError:
@@ -223,8 +223,8 @@ def _needing(key: str, path: Path) -> Iterator[None]:
 
 
 def _begun(config: Config, say: Callable[[str], None]) -> tuple[int, socket.socket, Recorder]:
-    """Returns lock, socket and what writes. A folder that is there is locked before the socket of a recorder at work is
-    replaced; nothing is made in a folder, or the folder itself, before the socket is there. Raises ConfigurationError.
+    """Returns lock, socket and recorder. An existing folder is locked before the socket of a running recorder is
+    replaced; nothing is made in a folder, nor the folder itself, before the socket exists. Raises ConfigurationError.
     """
     folder, own = config.recorder.folder, config.recorder.socket
     with ExitStack() as begun:
@@ -242,8 +242,8 @@ def _begun(config: Config, say: Callable[[str], None]) -> tuple[int, socket.sock
 
 
 def _locked(folder: Path) -> int:
-    """Descriptor of a lock that another recorder of this folder would hold. Raises OSError; BlockingIOError where one
-    does.
+    """Returns the descriptor of a lock that another recorder of this folder would hold. Raises OSError; BlockingIOError
+    where one does.
     """
     return held_lock(folder / ".lock")
 

@@ -1,1 +1,1 @@
-"""Pages that people look at: one HTML file each, with plots as inline SVG, which opens without a network."""
+"""Makes pages for people to read: one HTML file each, with plots as inline SVG, which opens without a network."""

@@ -1,4 +1,4 @@
-"""What all pages share: one file, its style, its tables, and pictures and plots inside it."""
+"""Builds what all pages share: one file, its style, its tables, and pictures and plots inside it."""
 
 import base64
 import html
@@ -12,7 +12,7 @@ from probewatch.drivers.samples import GreyImage
 from probewatch.tools.shared.tables import figures_in
 
 _ALLOWED = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
-"""Whatever a file or a device may have put into the text, the page loads and runs nothing."""
+"""Content-Security-Policy: whatever a file or a device may have put into the text, the page loads and runs nothing."""
 _STYLE = """
 :root { color-scheme: light dark; font: 15px/1.5 system-ui, sans-serif;
   --text: #1c1b1f; --ground: #fff; --faint: #e4e4e4; --soft: #555; --a: #2f6fab; --b: #c77c11; --bad: #b3261e;
@@ -43,14 +43,14 @@ svg rect.wait { fill: var(--wait); } svg rect.warn { fill: var(--warn); } svg re
 
 
 def check_page(path: Path | None) -> None:
-    """Raises ConfigurationError where no page can be written under that name. None is no file."""
+    """Raises ConfigurationError where no page can be written under that name. None means no file."""
     check_kind(path, "HTML", *PAGE_ENDS)
     check_replaceable(path, PAGE_BEGINS)
 
 
 def write_page(path: Path, title: str, parts: Iterable[str], language: str = "en") -> None:
-    """One HTML file that loads nothing from anywhere, with its text in that language. Raises ConfigurationError where
-    it cannot be written.
+    """Writes one HTML file that loads nothing from anywhere, with its text in that language. Raises ConfigurationError
+    where it cannot be written.
     """
     head = (
         f"{PAGE_BEGINS.decode()}<html lang={language}><head><meta charset=utf-8><title>{html.escape(title)}</title>"
@@ -63,12 +63,12 @@ def write_page(path: Path, title: str, parts: Iterable[str], language: str = "en
 
 
 def section(heading: str, *parts: str) -> str:
-    """A section with a heading of its own."""
+    """Returns a section with a heading of its own."""
     return f"<section><h2>{html.escape(heading)}</h2>{''.join(parts)}</section>"
 
 
 def text(words: str, kind: str = "") -> str:
-    """A paragraph."""
+    """Returns a paragraph."""
     return f'<p class="{kind}">{html.escape(words)}</p>' if kind else f"<p>{html.escape(words)}</p>"
 
 
@@ -85,7 +85,7 @@ def table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 
 def picture(image: GreyImage, alt: str) -> str:
-    """image: (h, w) or (h, w, 3) BGR, uint8; inside the page."""
+    """Returns a picture inside the page. image: (h, w) or (h, w, 3) BGR, uint8."""
     done, png = cv2.imencode(".png", image)
     assert done
     data = base64.b64encode(png.tobytes()).decode()

@@ -1,4 +1,4 @@
-"""A page as PDF, by the browser that Debian has: nothing that must be installed for those who do not want it."""
+"""Prints a page as PDF with the browser that Debian has, so that users who do not want PDF need to install nothing."""
 
 import os
 import shutil
@@ -12,12 +12,12 @@ from probewatch.drivers.files.atomic_file import check_kind, check_replaceable, 
 _PDF_BEGINS = b"%PDF-"
 _BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 _TIMEOUT_S = 60
-"""For a page to be printed: 2 s on a computer with nothing else to do, and many times that on a busy one."""
+"""Seconds for a page to be printed: 2 s on a computer with nothing else to do, and many times that on a busy one."""
 
 
 def check_pdf(path: Path | None) -> None:
     """Raises ConfigurationError where no browser can print it, the name is of another kind of file, or it would replace
-    another thing; None is no file.
+    a file of another kind; None means no file.
     """
     check_kind(path, "PDF", ".pdf")
     check_replaceable(path, _PDF_BEGINS)
@@ -34,7 +34,7 @@ def write_pdf(page: Path, path: Path) -> None:
         command = [browser, "--headless", "--disable-gpu", "--disable-dev-shm-usage", "--no-pdf-header-footer"]
         command += [f"--user-data-dir={folder}", f"--print-to-pdf={printed}", page.absolute().as_uri()]
         if os.geteuid() == 0:
-            command.insert(1, "--no-sandbox")  # it refuses root otherwise; the page may load and run nothing
+            command.insert(1, "--no-sandbox")  # browsers refuse root otherwise; the page may load and run nothing
         try:
             subprocess.run(command, check=True, capture_output=True, timeout=_TIMEOUT_S)
             content = printed.read_bytes()

@@ -1,4 +1,4 @@
-"""What happened on a cart in a day, week or month, by its alarm log, its references and its self-tests."""
+"""Summarises what happened on a cart in a day, week or month, by its alarm log, its references and its self-tests."""
 
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Sequence
@@ -16,14 +16,14 @@ PERIODS = ("day", "week", "month")
 Shares = defaultdict[str, float]
 """State → seconds."""
 OFF = "off"
-"""In place of a state while the service did not run."""
+"""Name in place of a state while the service did not run."""
 _HAS_LIMITS = (Event.STARTED, Event.RELOADED)
 _ALARMS = {state.value for state, signal in SIGNALS.items() if signal.priority in (Priority.HIGH, Priority.MEDIUM)}
 
 
 @dataclass(frozen=True, slots=True)
 class Period:
-    """A period from start until before end, UTC. kind: one of PERIODS. name: such as 2026-10."""
+    """Represents a period from start until before end, UTC. kind: one of PERIODS. name: such as 2026-10."""
 
     kind: str
     name: str
@@ -32,17 +32,17 @@ class Period:
 
     @property
     def part(self) -> timedelta:
-        """Length of what is drawn by itself: hours of a day, days of a longer period."""
+        """Returns the length of the parts that are drawn separately: hours of a day, days of a longer period."""
         return timedelta(hours=1) if self.kind == "day" else timedelta(days=1)
 
     @property
     def parts(self) -> int:
-        """How many of them there are."""
+        """Returns the number of parts."""
         return (self.end - self.start) // self.part
 
 
 def period(kind: str, day: datetime) -> Period:
-    """The day, week (from Monday on) or month that the day lies in."""
+    """Returns the day, week (from Monday on) or month that contains the day."""
     start = day.astimezone(UTC).replace(hour=0, minute=0, second=0, microsecond=0)
     if kind == "day":
         return Period(kind, f"{start:%Y-%m-%d}", start, start + timedelta(days=1))
@@ -54,15 +54,15 @@ def period(kind: str, day: datetime) -> Period:
 
 
 def last_period(kind: str, now: datetime) -> Period:
-    """The last that is over."""
+    """Returns the last period that is over."""
     return period(kind, period(kind, now).start - timedelta(hours=1))
 
 
 @dataclass(frozen=True, slots=True)
 class Alarm:
-    """One time of alarm, from the first state that is one to the first that is none. worst: the last of them; fault,
-    reason: of that one. named: (fault, seconds) of all that were named meanwhile, in their order. ended: False where it
-    went on when the period ended, or when the report was made.
+    """Represents one time of alarm, from the first state that is one to the first that is none. worst: the last of
+    these states; fault, reason: those of that state. named: (fault, seconds) of all that were named meanwhile, in their
+    order. ended: False where it went on when the period ended, or when the report was made.
     """
 
     begun: datetime
@@ -76,8 +76,8 @@ class Alarm:
 
 @dataclass(frozen=True, slots=True)
 class Overload:
-    """A time in which this computer was overloaded. unlogged: changes of the state that have no entry each, so what was
-    in force then is known only in part; None while it lasts.
+    """Represents a time in which this computer was overloaded. unlogged: number of changes of the state that have no
+    entry of their own, so what was in force then is known only in part; None while it lasts.
     """
 
     begun: datetime
@@ -87,7 +87,7 @@ class Overload:
 
 @dataclass(frozen=True, slots=True)
 class InForce:
-    """A reference, and when the next one took its place; None: it is still in force."""
+    """Represents a reference, and when the next one took its place; None: it is still in force."""
 
     reference: Reference
     until: datetime | None
@@ -95,16 +95,17 @@ class InForce:
 
 @dataclass
 class Summary:
-    """made: when the report was. shares_s: state → seconds. by_part: the same for each day, of a day for each
-    hour, in order. requests: what was asked, how often.
+    """Holds what a report states. made: when it was made. shares_s: state → seconds. by_part: the same for each day, of
+    a day for each hour, in order. requests: what was requested, how often.
 
-    software: (UTC, what was in force from then on). limits: entries of the log, each of what was held to from then on.
+    software: (UTC, the version in force from then on). limits: entries of the log, each with the limits in force from
+    then on.
 
-    in_force: references that were in force at some time of it, by the store, oldest first; a cart's first one comes in
-    force without a word in the log. begins: first entry of the log, None without one. damages: of the whole log, in
-    words; torn: writes that a power cut tore; chains: how often it was begun again. self_tests: as they were kept,
-    oldest first. estimates: what motion showed of the calibration until the end. store_fault: why nothing can be said
-    of the references; empty where it can.
+    in_force: references that were in force at some time of the period, by the store, oldest first; the first one of a
+    cart comes into force without an entry in the log. begins: time of the first entry of the log, None without one.
+    damages: those of the whole log, in words; torn: writes that a power cut tore; chains: how often the chain was begun
+    again. self_tests: as they were kept, oldest first. estimates: what motion showed of the calibration until the end.
+    store_fault: why nothing is known of the references; empty where they are known.
     """
 
     period: Period
@@ -130,27 +131,27 @@ class Summary:
 
     @property
     def so_far(self) -> bool:
-        """The period was not over when the report was made."""
+        """Returns whether the period was not over when the report was made."""
         return self.made < self.period.end
 
     @property
     def until(self) -> datetime:
-        """What is reported is of the time before it."""
+        """Returns the end of the time that is reported."""
         return min(self.period.end, self.made)
 
     @property
     def on_s(self) -> float:
-        """Seconds in which the service ran."""
+        """Returns the seconds in which the service ran."""
         return sum(seconds for state, seconds in self.shares_s.items() if state != OFF)
 
     @property
     def verified(self) -> float:
-        """Share of that in which the calibration was verified; NaN where it never ran."""
+        """Returns the share of that time in which the calibration was verified; NaN where the service never ran."""
         return share(self.shares_s)
 
 
 def share(shares_s: Shares) -> float:
-    """Share of MONITORING in the time in which the service ran."""
+    """Returns the share of MONITORING in the time in which the service ran."""
     on_s = sum(seconds for state, seconds in shares_s.items() if state != OFF)
     return shares_s[State.MONITORING.value] / on_s if on_s > 0 else float("nan")
 
@@ -199,7 +200,7 @@ def _overlaps(one: InForce, start: datetime, end: datetime) -> bool:
 
 
 def _within(alarm: Alarm, start: datetime, end: datetime) -> bool:
-    """Whether it lies within, also where it had begun before."""
+    """Returns whether it lies within, also where it had begun before."""
     ends = alarm.begun + timedelta(seconds=alarm.lasted_s)
     return alarm.begun < end and (alarm.begun >= start or ends > start)
 
@@ -209,7 +210,7 @@ def _meets(one: Overload, start: datetime, end: datetime) -> bool:
 
 
 def _overloads(entries: Sequence[Entry], end: datetime) -> Iterator[Overload]:
-    """Those in the log; the last one lasts until `end` where nothing ended it."""
+    """Yields the overloads in the log; the last one lasts until `end` where nothing ended it."""
     begun: datetime | None = None
     for entry in entries:
         if entry.event == Event.OVERLOADED:
@@ -230,7 +231,7 @@ _Spell = tuple[datetime, datetime, Entry | None]
 
 
 def _spells(entries: Sequence[Entry], end: datetime) -> Iterator[_Spell]:
-    """Spells by the wall clock, which may have been set: a spell that would end before it begins has no length."""
+    """Yields spells by the wall clock, which may have been set: one that would end before it begins has no length."""
     at: datetime | None = None
     current: Entry | None = None
     for entry in entries:
@@ -295,7 +296,7 @@ def _note(found: Summary, entry: Entry) -> None:
 
 
 def limits_text(entry: Entry, language: str = "en") -> str:
-    """Limits as the entry has them; empty for those of earlier versions, which have none."""
+    """Returns the limits as the entry has them; empty for those of earlier versions, which have none."""
     return logged_limits_text(entry.data, language).partition(": ")[2]
 
 
@@ -308,7 +309,7 @@ def _utc(said: str) -> datetime:
 
 
 def per_fault(alarms: Iterable[Alarm]) -> list[tuple[str, int, float]]:
-    """(fault, in how many alarms, seconds in all), most often first; one alarm may have several in turn."""
+    """Returns (fault, in how many alarms, seconds in all), most often first; one alarm may have several in turn."""
     times: dict[str, list[float]] = defaultdict(list)
     for alarm in alarms:
         for name, lasted_s in alarm.named:

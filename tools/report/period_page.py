@@ -1,4 +1,4 @@
-"""The page of a period."""
+"""Writes the page of a period."""
 
 import html
 from collections.abc import Mapping, Sequence
@@ -18,23 +18,23 @@ from probewatch.tools.report.svg import Plot
 from probewatch.tools.shared.trend_table import HEADINGS, references_of, row_of, trends
 
 _MOST_ALARMS = 200
-"""Listed one by one; the rest is counted and in the log."""
+"""Alarms listed one by one; the rest is counted and in the log."""
 _LEAST_SHARE = 0.001
 """Share of the time: the least that one decimal of a per cent shows."""
 _MINUTES_FROM_S, _HOURS_FROM_S = 120, 2 * 3600
-"""From which duration on minutes and hours tell it well enough, s."""
+"""Durations, s, from which minutes and hours are precise enough."""
 _MOST_DAMAGES = 5
-"""Listed one by one, at the top; `probewatch log --verify` lists all."""
+"""Damages listed one by one, at the top; `probewatch log --verify` lists all."""
 _AXIS = {
     "day": "hour of the day, UTC",
     "week": "day of the week, 1 is Monday",
     "month": "day of the month",
 }
-"""Period → what stands under its plots."""
+"""Period → the label of its plots' axis."""
 _EDGE = 0.1
-"""Left free on either side of a bar, of its width."""
+"""Space left free on either side of a bar, as a share of its width."""
 _SEEN = 1.0
-"""Least height of a bar, %: the service ran, and verified nothing; without any it did not run."""
+"""Least height of a bar, %: the service ran, and verified nothing; without any bar it did not run."""
 _FAULTS = {fault.value: row.text for fault, row in FAULT_ROWS.items()}
 """Name of a fault → what the operator reads."""
 _STACK = (
@@ -57,8 +57,8 @@ def write_period_page(
     chosen: str,
     language: str = "en",
 ) -> None:
-    """Writes the page of a period in the language. dates: of the calibration in force, None without one. test_faults:
-    of the records of self-tests. chosen: which period it is of, and why, in the language.
+    """Writes the page of a period in the language. dates: those of the calibration in force, None without one.
+    test_faults: those of the records of self-tests. chosen: which period it is of, and why, in the language.
 
     Raises ConfigurationError where it cannot be written.
     """
@@ -89,7 +89,7 @@ def write_period_page(
 
 
 def _warnings(found: Summary, dates: Dates | None, test_faults: Sequence[str], speech: Speech) -> list[str]:
-    """What a reader must know before the figures: they stand above them."""
+    """Returns what a reader must know before the figures, above which it stands."""
     told, language = [], speech.language
     if found.damages:
         what = (
@@ -120,7 +120,7 @@ def _warnings(found: Summary, dates: Dates | None, test_faults: Sequence[str], s
 
 
 def _overloaded(found: Summary, speech: Speech) -> str:
-    """What is not known because the log has no entry for each change of a time of overload."""
+    """Returns what is not known because the log has no entry for each change in a time of overload."""
     long = _duration(sum(one.lasted_s for one in found.overloads))
     unlogged = sum(one.unlogged or 0 for one in found.overloads)
     is_counted = all(one.unlogged is not None for one in found.overloads)
@@ -154,7 +154,7 @@ def _minute(at: datetime) -> str:
 
 
 def _utc_minute(said: str) -> str:
-    """said: ISO 8601."""
+    """Returns the time to the minute, UTC. said: ISO 8601."""
     return _minute(datetime.fromisoformat(said).astimezone(UTC))
 
 
@@ -164,14 +164,14 @@ def _good(found: Summary) -> str:
 
 
 def _percent(value: float) -> str:
-    """A little of a state, as of a halt, is not none of it."""
+    """Returns the share as a percentage; a small one, as of a halt, is not shown as none."""
     if not isfinite(value):
         return "–"
     return "< 0.1 %" if 0 < value < _LEAST_SHARE else f"{100 * value:.1f} %"
 
 
 def _duration(seconds: float) -> str:
-    """Duration in the unit that a person would take."""
+    """Returns the duration in the unit that a person would choose."""
     if seconds < _MINUTES_FROM_S:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < _HOURS_FROM_S else _hours(seconds)
@@ -293,7 +293,7 @@ def _references(found: Summary, dates: Dates | None, speech: Speech) -> str:
 
 
 def _trend(found: Summary, speech: Speech) -> str:
-    """Drift under the reference that the last estimate is of, by all its estimates until the end of the period."""
+    """Returns the drift under the reference of the last estimate, by all its estimates until the end of the period."""
     number = next(reversed(references_of(found.estimates)), None)
     if number is None:
         none = "The service has noted no estimates: it does so every five minutes while it is verified."
@@ -309,7 +309,7 @@ def _drifts(drifts: Mapping[str, Trend], speech: Speech) -> list[tuple[tuple[str
 
 
 def _due(found: Summary, dates: Dates | None, speech: Speech) -> str:
-    """Dates of the calibration that is in force when the report is made."""
+    """Returns the dates of the calibration that is in force when the report is made."""
     if found.store_fault:
         return speech.tell("When the calibration is to be checked again is not known.")
     if dates is None:

@@ -1,4 +1,4 @@
-"""The page of one recording: what was shown, what was not, and which motion would have."""
+"""Writes the page of one recording: what was shown, what was not, and which motion would have shown it."""
 
 import html
 from collections.abc import Sequence
@@ -34,13 +34,15 @@ _KINDS = {
 """Colours of the alarm; every other state is one of waiting."""
 _KINDS_BY_NAME = {state.value: kind for state, kind in _KINDS.items()}
 _ARROW_LEAST_PX, _ARROW_TIMES = 30, 10
-"""A motion from one picture to the next is a pixel or so: it is drawn longer, by this factor or so that it is seen."""
+"""A motion from one picture to the next is a pixel or so: it is drawn with at least this length, px, and at least this
+factor.
+"""
 _NAMES_WIDE = 150
-"""Units of a drawing: of the longest name, rotation-elevational, in letters of 12; more leaves less to the bars."""
+"""Units of a drawing: width of the longest name, rotation-elevational, in letters of 12; more narrows the bars."""
 _NAME_HIGH = 190
-"""Units of a drawing on whose side a name and its unit stand upright in letters of 12 units; less cuts the name."""
+"""Units of a drawing: height at which a name and its unit fit upright beside it in letters of 12 units; less cuts."""
 _NAMES = ("polarity", "latency", *PARAMETERS)
-"""In the order in which they are drawn."""
+"""Names in the order in which they are drawn."""
 _VERDICTS = {VerdictKind.OK: "good", VerdictKind.FAULT: "bad", VerdictKind.NOT_VERIFIED: "wait"}
 
 
@@ -54,7 +56,7 @@ def write_recording_page(
     comparison: Comparison | None,
     damage: str,
 ) -> None:
-    """Raises ConfigurationError where it cannot be written."""
+    """Writes the page. Raises ConfigurationError where it cannot be written."""
     verdict = report.verdict
     fault = f" · {verdict.fault}" if verdict.fault else ""
     title = f"SPOILED: {name}" if subject.spoiled else name
@@ -102,12 +104,12 @@ def _states(changes: Sequence[Change], duration_s: float) -> str:
 
 
 def _live(comparison: Comparison | None, duration_s: float) -> list[str]:
-    """The section of a black box; none for any other recording."""
+    """Returns the section of a black box; none for any other recording."""
     return [] if comparison is None else [section("State as reported live", _live_states(comparison, duration_s))]
 
 
 def _live_states(comparison: Comparison, duration_s: float) -> str:
-    """The same, on the same axis, of what people were told then."""
+    """Returns the plot and table of the states that were reported live, on the same axis."""
     plot = Plot((0, max(duration_s, 1e-3)), (0, 1), "s", "", height=90)
     ends_s = [*(one.t_ns / 1e9 for one in comparison.told[1:]), duration_s]
     for one, end_s in zip(comparison.told, ends_s, strict=False):
@@ -203,7 +205,7 @@ def _checks(checks: Sequence[Check]) -> str:
 
 
 def _first(image: GreyImage, mask: Bits, u_px: Array) -> str:
-    """What never moves is tinted; an arrow shows where the tissue went."""
+    """Returns the first picture: what never moves is tinted; an arrow shows where the tissue went."""
     colour = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
     colour[~mask] = (0.5 * colour[~mask] + np.array([0, 60, 127])).astype(np.uint8)
     height, width = image.shape

@@ -1,4 +1,4 @@
-"""Plots as inline SVG, in the page's own colours, light and dark."""
+"""Draws plots as inline SVG, in the page's own colours, light and dark."""
 
 import html
 from collections.abc import Sequence
@@ -8,9 +8,9 @@ from math import ceil, floor, isfinite, log10
 _WIDTH, _LEFT, _RIGHT, _TOP, _BOTTOM = 900, 64, 12, 8, 34
 """Units of the drawing: a page on a laptop's screen; the margins hold labels of 12 units."""
 _MOST_POINTS = 900
-"""Of one line: more than the plot has units shows nothing more."""
+"""Points of one line: more than the plot has units shows nothing more."""
 _TICKS = 5
-"""About so many on an axis."""
+"""Approximate number of ticks on an axis."""
 
 _ALONE = (
     "<style>svg{background:#fff}text{font:12px sans-serif;fill:#1c1b1f}text.tick,text.label{text-anchor:middle;"
@@ -20,17 +20,17 @@ _ALONE = (
     "text.b{fill:#c77d1e}text.bad{fill:#b3261e}text.c{fill:#2e7d32}text.d{fill:#7b3fa0}"
     "rect.a{fill:#9dbfdd}rect.b{fill:#f0c48c}rect.bad{fill:#b3261e}rect.mark{fill:#1c1b1f}</style>"
 )
-"""Of a drawing that stands in a file of its own, where no page gives it colours."""
+"""Style of a drawing in a file of its own, where no page gives it colours."""
 
 
 def alone(drawing: str) -> str:
-    """A drawing of `Plot.svg` as a whole file."""
+    """Returns a drawing of `Plot.svg` as a whole file."""
     head, rest = drawing.split(">", 1)
     return f'{head} xmlns="http://www.w3.org/2000/svg">{_ALONE}{rest}\n'
 
 
 def ticks(low: float, high: float) -> list[float]:
-    """Round numbers between the two, about five."""
+    """Returns round numbers between the two, about five."""
     span = max(high - low, 1e-12)
     step = 10.0 ** floor(log10(span / _TICKS))
     step *= next(factor for factor in (1, 2, 5, 10) if span / (factor * step) <= _TICKS + 1)
@@ -38,8 +38,8 @@ def ticks(low: float, high: float) -> list[float]:
 
 
 class Plot:
-    """x, y: (low, high) of the axes; what is beyond is drawn at the edge. height: of the drawing's units. left: margin,
-    wide enough for what `row` writes into it.
+    """Draws one plot. x, y: (low, high) of the axes; what is beyond is drawn at the edge. height: in units of the
+    drawing. left: margin, wide enough for what `row` writes into it.
     """
 
     def __init__(
@@ -57,7 +57,7 @@ class Plot:
         self._axes(x_label, y_label)
 
     def line(self, xs: Sequence[float], ys: Sequence[float], kind: str, name: str = "") -> None:
-        """Broken where a value is not finite. kind: class of the page's style."""
+        """Draws a line, broken where a value is not finite. kind: class of the page's style."""
         run: list[str] = []
         for x, y in _thinned(xs, ys):
             if isfinite(y):
@@ -70,7 +70,7 @@ class Plot:
             self._names.append((kind, name))
 
     def band(self, xs: Sequence[float], low: Sequence[float], high: Sequence[float], kind: str) -> None:
-        """Band between two lines, broken where either is not finite."""
+        """Draws a band between two lines, broken where either is not finite."""
         points = list(zip(xs, low, high, strict=True))
         for finite, run in groupby(points, lambda point: isfinite(point[1]) and isfinite(point[2])):
             if finite:
@@ -83,29 +83,29 @@ class Plot:
         self._parts.append(f'<polygon class="band {kind}" points="{points}"/>')
 
     def level(self, y: float, kind: str = "limit") -> None:
-        """A line across."""
+        """Draws a line across."""
         at = f"{self._at_y(y):.1f}"
         self._parts.append(f'<line class="{kind}" x1="{self._left}" x2="{_WIDTH - _RIGHT}" y1="{at}" y2="{at}"/>')
 
     def block(self, from_x: float, to_x: float, low: float, high: float, kind: str, title: str) -> None:
-        """A rectangle that says its title where one points at it."""
+        """Draws a rectangle that shows its title under the pointer."""
         left, right = self._at_x(from_x), self._at_x(to_x)
         top, bottom = self._at_y(high), self._at_y(low)
         size = f'x="{left:.1f}" y="{top:.1f}" width="{max(right - left, 0.5):.1f}" height="{bottom - top:.1f}"'
         self._parts.append(f'<rect class="{kind}" {size}><title>{html.escape(title)}</title></rect>')
 
     def word(self, x: float, y: float, text: str) -> None:
-        """Beside a place."""
+        """Writes text beside a place."""
         at = f'x="{self._at_x(x) + 4:.1f}" y="{self._at_y(y) + 4:.1f}"'
         self._parts.append(f"<text {at}>{html.escape(text)}</text>")
 
     def row(self, y: float, text: str) -> None:
-        """In the margin on the left."""
+        """Writes text in the margin on the left."""
         at = f'x="{self._left - 6}" y="{self._at_y(y) + 4:.1f}"'
         self._parts.append(f'<text class="left" {at}>{html.escape(text)}</text>')
 
     def svg(self, title: str) -> str:
-        """The whole, with its title for those who cannot see it."""
+        """Returns the whole drawing, with its title for those who cannot see it."""
         name = html.escape(title, quote=True)
         legend = "".join(
             f'<text class="{kind}" x="{self._left + 8 + 150 * k}" y="{_TOP + 14}">{html.escape(text)}</text>'

@@ -1,4 +1,4 @@
-"""What a page shows of a recording, gathered while it goes through the line."""
+"""Gathers what a page shows of a recording while the recording goes through the line."""
 
 from bisect import bisect
 from collections import defaultdict
@@ -13,14 +13,14 @@ from probewatch.drivers.rigid import Array, interpolate, inverse, rigid
 from probewatch.drivers.samples import GreyImage, Matrix4, Pose, Sample
 
 _EVERY_NS = 100_000_000
-"""Between two points of a curve: a quarter of an hour has 9000, of which a plot shows 900."""
+"""Nanoseconds between two points of a curve: a quarter of an hour has 9000, of which a plot shows 900."""
 _POSES_KEPT = 512
-"""In which that of a picture is looked for: some seconds at 60 Hz, more than a picture waits for its pose."""
+"""Poses among which that of a picture is looked for: some seconds at 60 Hz, more than a picture waits for its pose."""
 
 
 @dataclass
 class Curve:
-    """One check: value and sigma at times, s; limit and unit as last said."""
+    """Holds one check: value and sigma at times, s; limit and unit as last reported."""
 
     t_s: list[float] = field(default_factory=list)
     value: list[float] = field(default_factory=list)
@@ -32,8 +32,8 @@ class Curve:
 
 @dataclass
 class Paths:
-    """Way of the tissue through the picture, mm, by the picture and by tracker and reference, at times, s; NaN parts
-    chains from one another. Columns: lateral, axial.
+    """Holds the way of the tissue through the picture, mm, by the picture and by tracker and reference, at times, s;
+    NaN separates chains. Columns: lateral, axial.
     """
 
     t_s: list[float] = field(default_factory=list)
@@ -42,7 +42,7 @@ class Paths:
 
 
 class Trace:
-    """Call it with each sample; it looks on and changes nothing.
+    """Follows a recording: call it with each sample; it observes and changes nothing.
 
     first: the first picture whose overlay is known, with the mask and how the tissue moved since the keyframe, px.
     """
@@ -107,7 +107,9 @@ class Trace:
         return interpolate(before, after, (t_ns - before_ns) / (after_ns - before_ns))
 
     def _follow(self, motion: Motion, reference: Calibration) -> None:
-        """The tracker's steps are put together as the picture's are, each in the plane of its own picture."""
+        """Adds a point to the paths. The tracker's steps are put together as the picture's are, each in the plane of
+        its own picture.
+        """
         pose = self._pose_at(motion.stamp.t_ns)
         if pose is None:
             return

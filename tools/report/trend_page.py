@@ -1,4 +1,4 @@
-"""The page of a trend: each parameter's weighted mean over days, its control limits, and the limit of its check."""
+"""Writes the page of a trend: each parameter's weighted mean over days, its control limits, and its check's limit."""
 
 import html
 from collections.abc import Mapping, Sequence
@@ -19,8 +19,8 @@ def write_trend_page(
     rows: Sequence[Sequence[str]],
     language: str = "en",
 ) -> None:
-    """Writes the page of trends in the language. units: of each parameter; headings, rows: as the command prints them.
-    Raises ConfigurationError for a bad path.
+    """Writes the page of trends in the language. units: that of each parameter; headings, rows: as the command prints
+    them. Raises ConfigurationError for a bad path.
     """
     speech = Speech(language)
     number = reference if reference is not None else "–"

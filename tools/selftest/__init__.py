@@ -1,1 +1,1 @@
-"""The self-test before the clinic opens: what was measured, judged item by item, and kept."""
+"""Implements the self-test before the clinic opens: what was measured is judged item by item, and kept."""

@@ -1,4 +1,4 @@
-"""The self-test of a cart's first use, kept to compare every later one with."""
+"""Compares a self-test with that of the cart's first use, which is kept for this purpose."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -7,20 +7,20 @@ from typing import Any
 from probewatch.tools.selftest.items import Item
 
 KEY = "first_use"
-"""Of a record: true where it is the one to compare with. The newest such record counts."""
+"""Key of a record: true where it is the one to compare with. The newest such record counts."""
 NAME = "first use"
 _MOST_RATE_CHANGE = 0.05
-"""Share by which a rate may differ from that of the first use, as docs/periodic-check.md has it. Less reddens grabbers
-that round their rate, more hides a device that was set to another one. Not measured on carts."""
+"""Share by which a rate may differ from that of the first use, as docs/periodic-check.md has it. Less rejects grabbers
+that round their rate, more hides a device that was set to another rate. Not measured on carts."""
 
 
 def first_use(kept: Sequence[Mapping[str, Any]]) -> Mapping[str, Any] | None:
-    """The record to compare with, of those that are kept, oldest first; None where there is none."""
+    """Returns the record to compare with, of those that are kept, oldest first; None where there is none."""
     return next((record for record in reversed(kept) if record.get(KEY) is True), None)
 
 
 def beside(items: Sequence[Item], first: Mapping[str, Any] | None) -> list[Item]:
-    """The items, each figure with that of the first use; a rate that differs is red."""
+    """Returns the items, each figure with that of the first use; a rate that differs is red."""
     if first is None:
         return [*items]
     before = {str(one.get("name")): one.get("figure") for one in first["items"]}
@@ -29,7 +29,9 @@ def beside(items: Sequence[Item], first: Mapping[str, Any] | None) -> list[Item]
 
 
 def chosen(items: Sequence[Item]) -> Item:
-    """Says whether this self-test is kept as the first use; one that is not green is none to compare with."""
+    """Returns the item that states whether this self-test is kept as the first use; one that is not green is not kept
+    as such.
+    """
     green = all(item.green for item in items)
     what = (
         "this self-test is kept to compare later ones with" if green else "not kept to compare with: not all is green"

@@ -1,4 +1,4 @@
-"""Each item of the self-test: pure judgements on a status, on samples of the feed, and on what a person has said."""
+"""Judges each item of the self-test, by a status, by samples of the feed, and by what a person has answered. Pure."""
 
 from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import asdict, dataclass
@@ -18,19 +18,23 @@ from probewatch.tools.shared.status_view import is_recovering
 from probewatch.tools.shared.time_quality import LEAST_HZ, MOST_JITTER_MS, TimeQuality, time_quality
 
 _MOST_LOST_PERCENT = 1.0
-"""Of the samples that the device counted. A cable that loses more is going to lose all. Not measured on carts."""
+"""Share, %, of the samples counted by the device that may be lost. A cable that loses more is going to lose all. Not
+measured on carts.
+"""
 _MOST_BOUND_MS = 20.0
-"""Median stated error of a stamp: a third of the shipped limit of the latency, 60 ms. Less reddens grabbers that work;
-more hides what spoils the latency."""
+"""Median stated error of a stamp, ms: a third of the shipped limit of the latency, 60 ms. Less rejects grabbers that
+work; more hides what spoils the latency."""
 _MOST_NOISE_MM, _MOST_NOISE_DEG = 0.5, 0.2
-"""Standard deviation of a probe that lies still, per axis: five and ten times a Polaris at 2 m. More makes every
+"""Standard deviation of a stationary probe, per axis: five and ten times that of a Polaris at 2 m. More makes every
 verification late; the item names markers and distance."""
 _STILL_MM, _STILL_DEG = 3.0, 1.5
-"""Between the first and the last second: further is a hand, not noise, and nothing can be said."""
+"""Motion between the first and the last fifth of the poses, which is a second each: more is a hand, not noise, and
+nothing can be concluded.
+"""
 _MASK_PERCENT = (1.0, 80.0)
-"""Of the picture that is masked: a scanner shows a frame and text, and more than a fifth of echoes."""
+"""Share of the picture, %, that is masked: a scanner shows a frame and text, and more than a fifth of echoes."""
 _LEAST_FREE_BYTES = 1_000_000_000
-"""On the disk of the alarm log: a year of log, and a day of pictures. Less is reported before it is full."""
+"""Bytes free on the disk of the alarm log: a year of log, and a day of pictures. Less is reported before it is full."""
 _LATEST_CHECK_DAYS = 0.0
 """Days beyond the date at which a reference is due that are still green."""
 
@@ -39,8 +43,8 @@ Status = Mapping[str, Any]
 
 @dataclass(frozen=True, slots=True)
 class Item:
-    """green: None where it could not be tried, which is no pass. remedy: empty where nothing is to be done.
-    figure: what was measured, in unit; None where the item is no figure.
+    """Represents one item. green: None where it could not be tried, which does not pass. remedy: empty where nothing is
+    to be done. figure: what was measured, in unit; None where the item has no figure.
     """
 
     name: str
@@ -55,11 +59,11 @@ class Item:
 
 
 _WHOLE_FROM = 100
-"""Digits behind the point of a larger value say nothing beside its limit."""
+"""Value from which decimals mean nothing beside its limit."""
 
 
 def devices(status: Status) -> list[Item]:
-    """Presence of each part, as the service's own watchers judge it; and what it says is lost."""
+    """Returns the presence of each part, as the service's own watchers judge it, and what the service calls lost."""
     gone = set(_unknown(status["devices"]))
     found = [check for check in status["devices"] if check["value"] is not None or check["verdict"] == "FAULT"]
     items = [_watched(check, gone) for check in found]
@@ -68,12 +72,12 @@ def devices(status: Status) -> list[Item]:
 
 
 def _mend(what: str) -> str:
-    """Says what to do about a lost device; what is wrong with it often says so already."""
+    """Returns what to do about a lost device; the description of the loss often states it already."""
     return "Mend that first, and repeat" if ". " in what else "Mend it, or its cable"
 
 
 def _unknown(checks: Sequence[Status]) -> Iterator[str]:
-    """Returns the faults that are not looked for as long as their device is gone: its watchers find nothing."""
+    """Yields the faults that are not looked for as long as their device is gone: its watchers find nothing."""
     found = {check["fault"] for check in checks if check["verdict"] == "FAULT"}
     for device in (Device.SCANNER, Device.TRACKER):
         loss, *others = of_device(device)
@@ -81,7 +85,9 @@ def _unknown(checks: Sequence[Status]) -> Iterator[str]:
 
 
 def _watched(check: Status, gone: Set[str]) -> Item:
-    """A check that is not verified, such as the line of sight of a probe that nobody sees, could not be tried."""
+    """Returns the item of a check. One that is not verified, such as the line of sight of a probe that is not in view,
+    could not be tried.
+    """
     good = check["verdict"] == "OK"
     if good and check["fault"] in gone:
         return Item(check["name"], None, "not known, as its device is lost", "Mend that first, and repeat")
@@ -93,14 +99,14 @@ def _watched(check: Status, gone: Set[str]) -> Item:
 
 
 def _beyond(check: Status) -> str:
-    """Value and limit in figures that a person reads; a value that is not known is left out."""
+    """Returns value and limit in figures that a person reads; a value that is not known is left out."""
     value, limit = check["value"], check["limit"]
     shown = "not known" if value is None else f"{value:.0f}" if abs(value) > _WHOLE_FROM else f"{value:.3g}"
     return f"{shown} {check['unit']}".strip() + f", limit {limit:g}"
 
 
 def service(status: Status) -> list[Item]:
-    """Its state, what it remembers, and how short of time it is."""
+    """Returns the items of the service's state, of what it remembers, and of how short of time it is."""
     state = status["state"]
     bad = state in (State.INTERNAL_FAULT.value, State.DEVICE_LOST.value, State.SELF_TEST.value)
     items = [Item("service", not bad, f"{state}, version {status['software']}", status["remedy"] if bad else "")]
@@ -115,7 +121,7 @@ def service(status: Status) -> list[Item]:
 
 
 def disk(status: Status) -> list[Item]:
-    """The disk of the alarm log."""
+    """Returns the items of the alarm log and its disk."""
     log = status["log"]
     writing = log["failing"] is None
     free = log["free_bytes"]
@@ -130,7 +136,9 @@ def disk(status: Status) -> list[Item]:
 
 
 def clock(utc: datetime, built: datetime, synchronised: bool | None) -> Item:
-    """built: when this program was; no wall clock can be earlier. synchronised: by the kernel's word."""
+    """Returns the item of the clock. built: when this program was built; no wall clock can be earlier. synchronised: as
+    the kernel reports it.
+    """
     told = f"{utc.isoformat(timespec='seconds')}, " + (
         "not known whether synchronised" if synchronised is None else "synchronised" if synchronised else "free-running"
     )
@@ -139,7 +147,7 @@ def clock(utc: datetime, built: datetime, synchronised: bool | None) -> Item:
 
 
 def reference(status: Status, utc: datetime) -> list[Item]:
-    """Whether there is one, whether it was ever verified, and whether its check is due."""
+    """Returns the items of the reference: whether there is one, was ever verified, and is due for its check."""
     known = status["reference"]
     if known is None:
         return [Item("reference", False, str(status["reference_waits"]), "Calibrate: docs/first-calibration.md")]
@@ -168,8 +176,8 @@ def reference(status: Status, utc: datetime) -> list[Item]:
 
 
 def timing(name: str, samples: Sequence[Frame | Pose], arrivals_ns: Sequence[int], silence_ms: float) -> list[Item]:
-    """Rate, losses and time quality of one source. name: video or tracker. silence_ms: after which the service calls it
-    lost.
+    """Returns rate, losses and time quality of one source. name: video or tracker. silence_ms: silence after which the
+    service calls it lost.
     """
     found = time_quality(samples, arrivals_ns)
     if found is None:
@@ -178,7 +186,7 @@ def timing(name: str, samples: Sequence[Frame | Pose], arrivals_ns: Sequence[int
 
 
 def silence_ms(status: Status, name: str) -> float:
-    """For which the service lets a source be silent: video or tracker."""
+    """Returns how long, ms, the service lets a source be silent: video or tracker."""
     return next(float(check["limit"]) for check in status["devices"] if check["name"] == f"{name} presence")
 
 
@@ -211,8 +219,8 @@ def _time(name: str, found: TimeQuality, silence_ms: float) -> list[Item]:
 
 
 def _regularity(name: str, found: TimeQuality, silence_ms: float) -> list[Item]:
-    """Returns how regular the samples are; nothing where the device's counter stood still, against which the scatter is
-    measured, and no pause was long.
+    """Returns how regular the samples are; nothing where the device's counter, against which the scatter is measured,
+    did not advance and no pause was long.
     """
     known, short = np.isfinite(found.jitter_ms), found.longest_ms <= silence_ms
     if not known and short:
@@ -225,7 +233,7 @@ def _regularity(name: str, found: TimeQuality, silence_ms: float) -> list[Item]:
 
 
 def noise(poses: Sequence[Pose]) -> Item:
-    """Noise of a probe that lies still in view of the tracker."""
+    """Returns the noise of a stationary probe in view of the tracker."""
     good = [pose.matrix for pose in poses if pose.status is PoseStatus.OK and pose.matrix is not None]
     if len(good) < 30:
         what = f"{len(good)} of {len(poses)} poses saw the probe"
@@ -247,7 +255,9 @@ def noise(poses: Sequence[Pose]) -> Item:
 
 
 def overlay(frames: Sequence[Frame]) -> Item:
-    """What never moves while the probe does: text and frame, which are kept out of the registration."""
+    """Returns the item of the overlay, which never moves while the probe does: text and frame, which are kept out of
+    the registration.
+    """
     mask = OverlayMask()
     for frame in frames:
         mask.step(pyramid(frame.image))
@@ -262,7 +272,9 @@ def overlay(frames: Sequence[Frame]) -> Item:
 
 
 def outputs(status: Status, seen: bool | None) -> Item:
-    """seen: a person's word on every lamp and the tone after a lamp test; None where nobody was asked."""
+    """Returns the item of the lamps and the tone. seen: a person's answer about every lamp and the tone after a lamp
+    test; None where nobody was asked.
+    """
     shown = [output["signal"] for output in status["outputs"] if output["signal"] != "contact"]
     if not shown:
         return Item("lamps and tone", True, "this cart has none, only the contact")

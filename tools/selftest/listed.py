@@ -1,4 +1,4 @@
-"""The items of a self-test as a person reads them: lines with tabs in a pipe, a table on a terminal."""
+"""Prints the items of a self-test for a person: lines with tabs into a pipe, a table on a terminal."""
 
 from collections.abc import Sequence
 
@@ -18,7 +18,7 @@ def print_items(found: Sequence[Item], console: Console, language: str) -> None:
     table = Table.grid(padding=(0, 2))
     for item in found:
         mark, colour = _MARKS[item.green]
-        named = item.name.partition(" ")[0] if ":" in item.name else item.name  # of a lost device, before its URL
+        named = item.name.partition(" ")[0] if ":" in item.name else item.name  # a lost device's, before its URL
         name, what, remedy = (recognised(text, language) for text in (named, item.what, item.remedy))
         said = f"{what}{'. ' if remedy else ''}{remedy}"  # with brackets, as [calibration] due_days
         if console.is_terminal:

@@ -1,4 +1,4 @@
-"""What the feed sends for some seconds, with the time at which each sample came."""
+"""Reads what the feed sends for some seconds, with the time at which each sample arrived."""
 
 import time
 from collections.abc import Callable
@@ -10,12 +10,14 @@ from probewatch.drivers.samples import Frame, Pose
 from probewatch.tools.shared.feed import Feed
 
 _SLICE_S = 0.2
-"""For a message; how late the end is seen."""
+"""Seconds to wait for a message, and the delay with which the end is noticed."""
 
 
 @dataclass(slots=True)
 class Measured:
-    """frames, poses: in order, each with its arrival in ns beside it. lost: samples that the feed did not tell."""
+    """Holds the samples. frames, poses: in order, each with its arrival in ns beside it. lost: number of samples that
+    the feed did not deliver.
+    """
 
     frames: list[Frame] = field(default_factory=list)
     poses: list[Pose] = field(default_factory=list)
@@ -25,8 +27,8 @@ class Measured:
 
 
 def measured(feed: Path, seconds: float, progress: Callable[[float], None]) -> Measured:
-    """Reads the feed for some seconds. progress: is called with the share that is over. Raises DeviceLost,
-    ProtocolError.
+    """Reads the feed for some seconds. progress: is called with the share of the time that has passed. Raises
+    DeviceLost, ProtocolError.
     """
     found, began_s = Measured(), time.monotonic()
     with Feed(feed) as link:

@@ -1,8 +1,8 @@
-"""The records of self-tests as they are kept: one JSON file each, chained, so that one that was edited shows.
+"""Keeps the records of self-tests: one JSON file each, chained, so that one that was edited shows.
 
 Each carries the SHA-256 of its own content, which includes that of the record before it, as the entries of the alarm
-log do (appliance.storage.alarm_chain). It shows accidents and careless hands: whoever may write to the folder and knows
-this can make a new chain, and the newest record can be taken out unnoticed, as nothing follows it.
+log do (appliance.storage.alarm_chain). It shows accidents and careless edits: whoever may write to the folder and knows
+this can make a new chain, and the newest record can be removed unnoticed, as nothing follows it.
 """
 
 import json
@@ -17,19 +17,19 @@ from probewatch.drivers.files.regular_file import read_bounded
 from probewatch.drivers.printable import printable
 
 _MOST_BYTES = 1_000_000
-"""Of the record of a self-test, which has some kB."""
+"""Bytes of the record of a self-test at most; one has some kB."""
 
 
 @dataclass(frozen=True)
 class Records:
-    """kept: those that can be read, oldest first. faults: what is wrong with the folder, in words."""
+    """Holds the records of a folder. kept: readable ones, oldest first. faults: what is wrong with it, in words."""
 
     kept: list[dict[str, Any]]
     faults: list[str]
 
 
 def sealed(record: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """The record with its place in the chain of the folder, which need not exist yet."""
+    """Returns the record with its place in the chain of the folder, which need not exist yet."""
     kept = read_self_tests(folder).kept
     followed = {one.get("previous") for one in kept}
     ends = [str(one["digest"]) for one in kept if "digest" in one and one["digest"] not in followed]
@@ -38,7 +38,7 @@ def sealed(record: dict[str, Any], folder: Path) -> dict[str, Any]:
 
 
 def read_self_tests(folder: Path) -> Records:
-    """Everything in the folder; one that is missing is an empty one."""
+    """Reads everything in the folder; one that is missing counts as empty."""
     kept, faults = [], []
     for file in sorted(folder.glob("*.json")):
         try:
@@ -51,8 +51,8 @@ def read_self_tests(folder: Path) -> Records:
 
 
 def _parsed(record: dict[str, Any]) -> dict[str, Any]:
-    """Raises what `read_self_tests` takes for a record that cannot be read: any member of the group may have put it
-    there.
+    """Returns the record in the form that is kept. Raises what `read_self_tests` takes for a record that cannot be
+    read: any member of the group may have put it there.
     """
     datetime.fromisoformat(str(record["utc"])).astimezone(UTC)
     items = [dict(item) for item in record["items"]]
@@ -64,8 +64,8 @@ def _parsed(record: dict[str, Any]) -> dict[str, Any]:
 
 
 def _broken(kept: list[tuple[str, dict[str, Any]]]) -> Iterator[str]:
-    """Whether the chain is broken, by the links and not by the times: the clock may have been set. Of records without a
-    digest, as an earlier version kept them, nothing shows whether they were changed.
+    """Yields where the chain is broken, by the links and not by the times: the clock may have been set. Of records
+    without a digest, as an earlier version kept them, nothing shows whether they were changed.
     """
     digests = {record.get("digest") for _, record in kept} | {GENESIS}
     chained = False

@@ -1,1 +1,1 @@
-"""Code shared by several commands: output as text and JSON, the control socket, the samples of a scan."""
+"""Holds code shared by several commands: output as text and JSON, the control socket, the samples of a scan."""

@@ -1,4 +1,4 @@
-"""Says at the start of a command that runs beside the service that no service answers yet."""
+"""Reports at the start of a command that runs beside the service that no service answers yet."""
 
 from pathlib import Path
 
@@ -10,11 +10,11 @@ from probewatch.drivers.errors import ProbewatchError
 from probewatch.tools.shared.named_cart import start_of
 
 _ANSWER_S = 1.0
-"""For the service to answer: twenty ticks. Longer only delays the start of the command."""
+"""Seconds for the service to answer: twenty ticks. Longer only delays the start of the command."""
 
 
 def warn_if_absent(control: Path) -> None:
-    """Says on stderr why no service answers at its control socket. The command goes on and waits for one."""
+    """Prints on stderr why no service answers at its control socket. The command goes on and waits for one."""
     try:
         with ControlClient(control, _ANSWER_S) as client:
             client.status()

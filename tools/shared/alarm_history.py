@@ -15,11 +15,11 @@ from probewatch.tools.german.translation import damage_text, told
 from probewatch.tools.shared.named_cart import cart_language
 
 _LOOKS = 3
-"""A write of the service is soon over, so damage that a fourth reading still finds is damage."""
+"""Readings after the first: a write of the service is soon over, so what a fourth reading still finds is damage."""
 
 
 def settled_log(folder: Path) -> Reading:
-    """Reads [alarm] folder of the configuration, also of a running service. Raises ConfigurationError, also where no
+    """Reads [alarm] folder of the configuration, also while the service runs. Raises ConfigurationError, also where no
     service has ever written there: an empty folder is not an intact chain.
     """
     try:
@@ -39,7 +39,7 @@ def settled_log(folder: Path) -> Reading:
 
 
 def refuse_unreadable(*files: Path) -> None:
-    """Raises PermissionError for one that this user may not read: that is no damage. A missing one is none either."""
+    """Raises PermissionError for a file that this user may not read. That is not damage, nor is a missing file."""
     for file in files:
         if file.exists() and not os.access(file, os.R_OK):
             raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(file))
@@ -56,8 +56,8 @@ def _settled(folder: Path) -> Reading:
 
 
 def references_in(folder: Path) -> History:
-    """Reads the references that were ever in force. folder: of the alarm log. Raises ConfigurationError, also where
-    there is none.
+    """Reads the references that were ever in force. folder: that of the alarm log. Raises ConfigurationError, also
+    where there is none.
     """
     history = read_history(folder)
     if history is None or not history.entries:
@@ -68,7 +68,7 @@ def references_in(folder: Path) -> History:
 
 
 def tell_damage(reading: Reading) -> None:
-    """Says on standard error that a log is damaged, if it is, and that what it still holds was told."""
+    """Prints on standard error that a log is damaged, if it is, and that what it still holds was printed."""
     if reading.broken:
         language = cart_language()
         damaged = "the alarm log is damaged: {damage}; what it still holds is told. See: probewatch log --verify"

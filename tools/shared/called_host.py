@@ -9,9 +9,7 @@ _HOST = re.compile(r"(?:\[([0-9a-f:.]+)\]|([^\s\[\]:/@]+))(?::[0-9]{1,5})?")
 
 
 def called(header: str) -> str:
-    """Returns the name or address of a Host header, in lower case, without port and brackets; empty where it is
-    invalid.
-    """
+    """Returns name or address of a Host header, in lower case, without port and brackets; empty if it is invalid."""
     found = _HOST.fullmatch(header.lower())
     return "" if found is None else found[1] or found[2]
 

@@ -117,9 +117,7 @@ def _next_header(lines: list[str], first: int) -> int:
 
 
 def _behind(lines: list[str], first: int) -> int:
-    """Returns the number of the line after the section, before the comments and blank lines that introduce the next
-    one.
-    """
+    """Returns the number of the line after the section, before comments and blank lines that introduce the next one."""
     header = end = _next_header(lines, first)
     while end > first and lines[end - 1].startswith("#"):
         end -= 1

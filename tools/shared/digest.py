@@ -60,7 +60,7 @@ def with_pictures(path: Path) -> tuple[Path, ...]:
             name = pictures_named(stream)
         beside = path if name is None else path.with_name(name)
         return (path, beside) if beside != path and beside.is_file() else (path,)
-    except (OSError, ValueError):  # the reader of the recording says what is wrong
+    except (OSError, ValueError):  # the reader of the recording reports what is wrong
         return (path,)
 
 

@@ -1,6 +1,4 @@
-"""Collects the results of the sequential test over healthy scanning, block by block; refuses scanning that is not
-healthy.
-"""
+"""Collects the results of the sequential test over healthy scanning, block by block; refuses any other scanning."""
 
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping

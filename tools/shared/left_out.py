@@ -1,4 +1,4 @@
-"""What a recording's reader has left out, for commands without a report of their own that counts it."""
+"""Reports what a recording's reader has left out, for commands without a report of their own that counts it."""
 
 import click
 

@@ -2,7 +2,7 @@
 
 from probewatch.drivers.errors import ConfigurationError
 
-_MOST_PORT = 65535  # of TCP
+_MOST_PORT = 65535  # TCP
 
 
 def listen_address(listen: str, usual: str) -> tuple[str, int]:

@@ -17,7 +17,7 @@ from probewatch.tools.shared.rerun import Comparison, Rerun, Step
 
 
 class Session(Protocol):
-    """Interface of a recording; implemented by drivers.recordings.replay.Recording and by a black box."""
+    """Defines the interface of a recording; implemented by drivers.recordings.replay.Recording and by a black box."""
 
     @property
     def start_ns(self) -> int: ...
@@ -35,7 +35,7 @@ class Session(Protocol):
 
 
 Seen = Callable[[Sample, tuple[Verdict, ...], Line], None]
-"""(sample, what the line said to it, the line), for whoever draws it."""
+"""(sample, the verdicts of the line on it, the line), for a function that draws it."""
 
 
 def nobody(sample: Sample, verdicts: tuple[Verdict, ...], line: Line) -> None:
@@ -98,9 +98,9 @@ def run_series(
 
 
 class BlackBoxSession:
-    """The samples of a black box as one session, regardless of its pipelines."""
+    """Represents the samples of a black box as one session, regardless of its pipelines."""
 
-    left_out: dict[str, int] = {}  # noqa: RUF012  what is missing is told by its gaps
+    left_out: dict[str, int] = {}  # noqa: RUF012  its gaps state what is missing
     poses_left_out: dict[str, int] = {}  # noqa: RUF012
 
     def __init__(self, series: Series) -> None:
@@ -114,23 +114,25 @@ class BlackBoxSession:
 
     @property
     def start_ns(self) -> int:
-        """Earliest stamp, CLOCK_MONOTONIC of the cart."""
+        """Returns the earliest stamp, CLOCK_MONOTONIC of the cart."""
         return min((span.first_ns for span in (self._pictures, self._poses) if span.number), default=0)
 
     @property
     def overlap_ns(self) -> tuple[int, int]:
-        """See Recording."""
+        """Returns the (first, last) stamp between which both devices were recorded; start_ns and the one before it
+        where never.
+        """
         if not self._pictures.number or not self._poses.number:
             return self.start_ns, self.start_ns - 1
         first_ns = max(self._pictures.first_ns, self._poses.first_ns)
         return first_ns, min(self._pictures.last_ns, self._poses.last_ns)
 
     def samples(self) -> Iterator[Sample]:
-        """Samples in the order in which the line took them."""
+        """Yields the samples in the order in which the line took them."""
         for item, _ in self._series.items():
             if isinstance(item, Frame | Pose):
                 yield item
 
     def frames(self) -> Iterator[Frame]:
-        """The pictures alone."""
+        """Yields the pictures alone."""
         return (sample for sample in self.samples() if isinstance(sample, Frame))

@@ -1,4 +1,4 @@
-"""The result of a replay, as JSON and as text."""
+"""Formats the result of a replay as JSON and as text."""
 
 import sys
 from dataclasses import dataclass
@@ -20,8 +20,8 @@ from probewatch.tools.shared.tables import NOTHING, FittingTable
 
 @dataclass(frozen=True)
 class Outcome:
-    """The result of one recording. `nominal` is the named calibration, None for a black box judged by its own. `damage`
-    describes the file's damage.
+    """Holds the result of one recording. `nominal` is the named calibration, None for a black box judged by its own.
+    `damage` describes the file's damage.
     """
 
     path: Path
@@ -32,7 +32,7 @@ class Outcome:
     damage: str = ""
 
     def fields(self) -> dict[str, object]:
-        """The report's public contract; `black_box` is included for a black box judged by its own calibration."""
+        """Returns the report's public contract; `black_box` is there for a black box judged by its own calibration."""
         fields = report_json(self.report, self.timeline)
         found = self.comparison
         return fields if found is None else {**fields, "black_box": _box_fields(found, self.damage)}

@@ -1,4 +1,4 @@
-"""The status of a service as a picture for the terminal, in the language of the service.
+"""Draws the status of a service as a picture for the terminal, in the language of the service.
 
 Colours mean the same everywhere: green verified, cyan not verified, yellow warning, red alarm or fault. A line is whole
 in one language: what cannot be translated whole stays English.
@@ -51,17 +51,17 @@ WORDS = {
     **POINT_WORDS,
     **PROFILE_WORDS,
 }
-"""Every word of the picture that the service does not say itself."""
+"""Every word of the picture that the service does not send itself."""
 
 _CLEARS_BUMP = "probewatch ack --bump"
 _LOOKED_AT = "once the position sensor was looked at: probewatch ack --bump"
 
 _BAR_CELLS = 9
-"""Columns of a bar, and of a trend. More asks for a wider terminal before there are two columns of checks."""
+"""Columns of a bar, and of a trend. More requires a wider terminal before there are two columns of checks."""
 _NUMBER_CELLS = 7
 """Columns of a ratio and its mark, such as 12.34 ✓."""
 _TREND_EVERY_S = 1.0
-"""Of the service, for each cell of a trend: nine cells show what led to an alarm. Shorter shows noise."""
+"""Seconds of the service for each cell of a trend: nine cells show what led to an alarm. Shorter shows noise."""
 _STEPS = "▁▂▃▄▅▆▇█"
 _COLOURS = {"OK": "green", "FAULT": "red", "NOT_VERIFIED": "cyan"}
 _MARKS = {"OK": "✓", "FAULT": "✗", "NOT_VERIFIED": "?"}
@@ -71,14 +71,14 @@ _SOUNDS = {"paused": "paused", "acknowledged": "silenced", "off": "off"}
 
 
 class StatusView:
-    """Draws one status after the other; remembers the ratios of the last seconds as trends."""
+    """Draws one status after the other, and keeps the ratios of the last seconds as trends."""
 
     def __init__(self) -> None:
         self._trends: defaultdict[str, deque[float]] = defaultdict(lambda: deque(maxlen=_BAR_CELLS))
         self._noted_s = -_TREND_EVERY_S
 
     def picture(self, status: Status) -> Group:
-        """State, rates and every check: name, share of its limit as a bar or its trend, ratio, verdict."""
+        """Returns state, rates and every check: name, share of its limit as a bar or its trend, ratio, verdict."""
         checks = [*status["checks"], *status["devices"]]
         self._note(status["counters"].get("uptime_s", 0.0), checks)
         table = _Checks(checks, {name: tuple(trend) for name, trend in self._trends.items()}, _language(status))
@@ -95,7 +95,7 @@ class StatusView:
 
 
 def one_line(status: Status) -> str:
-    """The status for a file or a pipe."""
+    """Returns the status for a file or a pipe."""
     say = _words(status)
     said = _advice(status), _prompt(status)
     facts = _age(status, say), _contact(status, say), *(line.plain for line in (*_limits(status), *_point(status)))
@@ -104,7 +104,7 @@ def one_line(status: Status) -> str:
 
 
 class _Checks:
-    """The table, in two columns where the terminal is wide enough; the end of each bar is the limit."""
+    """Draws the table, in two columns where the terminal is wide enough; the end of each bar is the limit."""
 
     def __init__(self, checks: list[_Check], trends: Mapping[str, tuple[float, ...]], language: str) -> None:
         self._checks, self._trends = checks, trends
@@ -133,13 +133,13 @@ class _Checks:
 
 
 def _now(check: _Check) -> str:
-    """The verdict as of now: what was shown too long ago, or before a disturbance, is not verified any more."""
+    """Returns the verdict as of now: what was shown too long ago, or before a disturbance, is not verified any more."""
     earlier = check["verdict"] == "OK" and check.get("shown") in ("carried", "missing")
     return "NOT_VERIFIED" if earlier else str(check["verdict"])
 
 
 def is_recovering(check: Mapping[str, Any]) -> bool:
-    """The processor was overloaded so recently that it is not called good yet; other parts are good at once."""
+    """Returns whether the processor was overloaded too recently to be good yet; other parts are good at once."""
     return bool(check["fault"] == Fault.OVERLOADED and check["verdict"] == "FAULT" and check["ratio"] < 1.0)
 
 
@@ -152,7 +152,7 @@ def _bar(ratio: float, colour: str, cells: int) -> Text:
 
 
 def _trend(ratios: tuple[float, ...], colour: str, cells: int) -> Text:
-    """The last seconds, oldest first; a full cell is the limit."""
+    """Returns the last seconds, oldest first; a full cell is the limit."""
     if cells < 1:
         return Text()
     steps = "".join(_STEPS[min(int(ratio * len(_STEPS)), len(_STEPS) - 1)] for ratio in ratios)
@@ -182,8 +182,8 @@ def _state(status: Status) -> Panel:
 
 
 def _advice(status: Status) -> str:
-    """What to do; in the calm states, and where it is not clear what is wrong, rather why they are what they are, if
-    that is more than the text says.
+    """Returns what to do; in the calm states, and where it is not clear what is wrong, the reason of the state instead,
+    if that adds to the text.
     """
     if status["fault"] not in (None, Fault.UNDECIDED) or status["state"] == State.RECALIBRATING.value:
         return shown(status["remedy"])
@@ -192,13 +192,13 @@ def _advice(status: Status) -> str:
 
 
 def _prompt(status: Status) -> str:
-    """The motion that shows what is missing, or what must be done before motion can show anything."""
+    """Returns the motion that shows what is missing, or what must be done before motion can show anything."""
     asked = status.get("gesture") or (status["state"] == State.NOT_VERIFIED.value and status.get("reference_waits"))
     return shown(status["remedy"]) if status["fault"] in (None, Fault.UNDECIDED) and asked else ""
 
 
 def _drawn(status: Status) -> Text:
-    """The prompt; each motion is a link to its moving drawing, where the terminal has links."""
+    """Returns the prompt; each motion is a link to its moving drawing, where the terminal has links."""
     files = {shown(text): drawn(text, _language(status)) for text in status.get("gesture", ())}
     clauses = []
     for clause in _prompt(status).split("; "):
@@ -231,7 +231,7 @@ def _rates(status: Status) -> Text:
 
 
 def _carried(status: Status) -> list[Text]:
-    """What is not shown by the present motion, with its age and the age that it may have."""
+    """Returns what is not shown by the present motion, with its age and the age that it may have."""
     own = [check for check in status["checks"] if check.get("carried")]
     ages = (
         f"{translated_text(one['name'], _language(status))} {one['shown_age_s']:.0f}/{one['max_age_s']:.0f} s"
@@ -242,13 +242,13 @@ def _carried(status: Status) -> list[Text]:
 
 
 def _limits(status: Status) -> list[Text]:
-    """The profile of the limits, where they are others than probewatch ships with."""
+    """Returns the profile of the limits, where they are not the shipped ones."""
     limits = status.get("limits")
     return [] if is_usual(limits) else [Text(shown(profile_text(limits, _language(status))))]
 
 
 def _point(status: Status) -> list[Text]:
-    """The error of a point in the colour of what it allows; nothing where it is neither known nor asked for."""
+    """Returns the error of a point in the colour of what it allows; nothing where it is neither known nor asked for."""
     point, limit_mm = status.get("point"), status.get("point_limit_mm")
     if point is None and limit_mm is None:
         return []
@@ -258,13 +258,13 @@ def _point(status: Status) -> list[Text]:
 
 
 def _proposal(status: Status) -> list[Text]:
-    """What the calibration has become, and what follows from that; a clause on each line."""
+    """Returns what the calibration has become, and what follows from that; a clause on each line."""
     proposal = status.get("proposal")
     return [] if proposal is None else [Text(shown(f"→ {clause}")) for clause in proposal["text"].split("; ")]
 
 
 def _remarks(status: Status) -> list[Text]:
-    """What needs no alarm, what is lost, a recalibration that was given up, and how the estimator ended."""
+    """Returns what needs no alarm, what is lost, a recalibration that was given up, and how the estimator ended."""
     language = _language(status)
     lost = [f"{device}: {lost_text(what, language)}" for device, what in status["lost"].items()]
     ended = [] if status["estimator"] is None else [f"estimator: {status['estimator']}"]
@@ -283,14 +283,16 @@ def _remarks(status: Status) -> list[Text]:
 
 
 def _waits_for_a_look(status: Status) -> bool:
-    """Whether the tracker was bumped, and the remedy does not say what ends that, as while another device is lost."""
+    """Returns whether the tracker was bumped, and the remedy does not state what ends that, as while another device is
+    lost.
+    """
     bumped = any(BUMPED in remark for remark in status["remarks"])
     return bumped and _CLEARS_BUMP not in status["remedy"]
 
 
 def _origin(status: Status) -> list[Text]:
-    """Which reference the verdicts speak of, what keeps it from being verified, what is not in force, and what else
-    the rows of the status have a line for.
+    """Returns to which reference the verdicts refer, what keeps it from being verified, what is not in force, and what
+    else the rows of the status have a line for.
     """
     reference = status.get("reference")
     said = [] if reference is None else [_reference(reference, _words(status))]
@@ -299,7 +301,7 @@ def _origin(status: Status) -> list[Text]:
 
 
 def _lines(fields: Sequence[Field], holder: Status, language: str) -> Iterator[str]:
-    """holder: the status, or the object that has these fields as its parts."""
+    """Yields the lines of the fields. holder: the status, or the object that has these fields as its parts."""
     for field in fields:
         value = holder.get(field.name)
         if value is not None:

@@ -30,7 +30,7 @@ def is_of_the_unit(configuration: Path) -> bool:
 
 
 def unseen_mistakes(config: Config, file: Path) -> Iterator[str]:
-    """Returns the mistakes in the files that a configuration names, one per line. `file` is its path."""
+    """Yields the mistakes in the files that a configuration names, one per line. `file` is its path."""
     if not is_of_the_unit(file):
         return
     named = [("[calibration] file", config.calibration.file), ("[noise] file", config.noise.file)]

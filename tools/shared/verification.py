@@ -39,7 +39,7 @@ def accepted(proposal: dict[str, Any], yes: bool, language: str) -> tuple[str, s
 
 
 def ask(question: str, yes: bool, language: str) -> None:
-    """Returns after a person has said yes, now or before. Raises ControlRefused without a terminal."""
+    """Returns once a person has agreed, now or before. Raises ControlRefused without a terminal."""
     if not yes and not sys.stdin.isatty():
         refusal = told("needs a person to accept it; nothing was changed", language)
         raise ControlRefused(refusal, question, told("Give --yes to accept it", language))

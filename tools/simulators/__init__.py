@@ -1,1 +1,1 @@
-"""One device of `probewatch simulate` a file, and a whole cart of them with the service."""
+"""Implements the devices of `probewatch simulate`, one a file, and a whole cart of them with the service."""

@@ -1,4 +1,4 @@
-"""`probewatch simulate cart`: scanner, tracker and relay board together, for a service that is started beside them."""
+"""Runs `probewatch simulate cart`: scanner, tracker and relay board together, for a service started beside them."""
 
 import fcntl
 import os
@@ -22,9 +22,9 @@ from probewatch.tools.simulators.whole_cart import CartSettings, Event, Simulate
 
 _BEGINS = "# SIMULATED devices of `probewatch simulate cart`"
 _LOOK_S = 0.5
-"""Between two looks whether every part still runs, and what it says; how late either is reported."""
+"""Seconds between two looks at whether every part runs, and what it reports: the delay with which either shows."""
 _CLAIM = "simulated-cart"
-"""File of the folder: holds the seed of the cart that lives there, and is locked while it runs."""
+"""File of the folder that holds the seed of the cart in it, and is locked while that cart runs."""
 
 
 @click.command("cart")
@@ -101,7 +101,7 @@ def command(file: Path | None, folder: Path | None, seed: int, unconfigured: boo
 
 
 def _in_words(event: Event) -> str:
-    """What a device says of its faults, in words; empty where it says something else."""
+    """Returns what a device reports of its faults, in words; empty where it reports something else."""
     if event.get("refused"):
         return f"refused, and nothing changes: {event['refused']}"
     if "faults" in event:
@@ -111,9 +111,10 @@ def _in_words(event: Event) -> str:
 
 @contextmanager
 def _claimed(folder: Path, seed: int) -> Iterator[None]:
-    """The folder for one cart alone, while it runs; says so where the cart of an earlier start goes on.
+    """Reserves the folder for one cart while it runs, and reports where the cart of an earlier start goes on.
 
-    Raises ConfigurationError where another runs there, or where the calibration that is kept there is of another probe.
+    Raises ConfigurationError where another cart runs there, or where the calibration that is kept there is of another
+    probe.
     """
     claim = folder / _CLAIM
     try:
@@ -140,7 +141,7 @@ def _claimed(folder: Path, seed: int) -> Iterator[None]:
 
 
 def _goes_on(folder: Path) -> str:
-    """What is left of the cart before and counts again."""
+    """Returns what is left of the earlier cart and is in force again."""
     left = [name for name in ("scanner.json", "polaris.json", "server.json", "tank") if (folder / name).exists()]
     still = f"; still in force there: {', '.join(left)}" if left else ""
     return f"the cart in {folder} goes on, with its alarm log and its calibration{still}"
@@ -166,12 +167,12 @@ def _head(cart: SimulatedDevices) -> str:
 
 
 def _recorder(cart: SimulatedDevices) -> str:
-    """Places for `probewatch record` beside this cart: a real cart's are not for everybody to write to."""
+    """Returns the places for `probewatch record` beside this cart, as not everybody may write to a real cart's."""
     return f'recorder.folder = "{cart.folder / "recorder"}"\nrecorder.socket = "{cart.folder / "record"}"\n'
 
 
 def _unconfigured(cart: SimulatedDevices) -> str:
-    """The template with the places of this cart, so that two carts do not meet; devices are for a person to name."""
+    """Returns the template with this cart's own places, so that two carts do not meet; a person names the devices."""
     said = tomllib.loads(cart.config_text + _recorder(cart))
     own = (("control", "socket"), ("alarm", "folder"), ("recorder", "folder"), ("recorder", "socket"))
     places: Answers = {(section, key): said[section][key] for section, key in own}
@@ -179,7 +180,7 @@ def _unconfigured(cart: SimulatedDevices) -> str:
 
 
 def _commands(cart: SimulatedDevices, file: Path) -> str:
-    """What is connected, for a person who configures it."""
+    """Returns what is connected, for a person who configures it."""
     said = tomllib.loads(cart.config_text)
     urls = {"video": said["video"]["url"], "tracker": said["tracker"]["url"], "contact": said["output"][0]["url"]}
     lines = [f"{name}: {url}" for name, url in urls.items()] + [f"socket: {cart.socket}"]

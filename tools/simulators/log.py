@@ -1,4 +1,4 @@
-"""`probewatch simulate log`: the NDI tracker of a byte log, answering as it did when it was recorded."""
+"""Runs `probewatch simulate log`: the NDI tracker of a byte log, which answers as it did when it was recorded."""
 
 import json
 from pathlib import Path

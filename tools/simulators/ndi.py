@@ -1,4 +1,4 @@
-"""`probewatch simulate ndi`: a simulated Polaris, Vega or Aurora."""
+"""Runs `probewatch simulate ndi`: a simulated Polaris, Vega or Aurora."""
 
 import json
 import time
@@ -73,7 +73,7 @@ _OPTIONS: list[Option] = [
 
 
 line_options = with_options(_LINES)
-"""Where a simulated tracker is served: --pty as `link`, --tcp as `port`."""
+"""Options for where a simulated tracker is served: --pty as `link`, --tcp as `port`."""
 
 
 @click.command("ndi", epilog=f"Faults: {', '.join(NDI_FAULTS)}")
@@ -134,7 +134,7 @@ def _check_rate(model: Model, track_hz: int | None) -> None:
 
 
 def _write_roms(probe: Path | None, reference: Path | None, witness: Path | None) -> str:
-    """The options that the URL of the tracker needs."""
+    """Writes the tool definitions, and returns the options that the URL of the tracker needs."""
     query = []
     for name, path, main_type in (
         ("probe", probe, PROBE),
@@ -148,7 +148,7 @@ def _write_roms(probe: Path | None, reference: Path | None, witness: Path | None
 
 
 def open_line(link: Path | None, port: int | None, clock: HostClock) -> TwinLine:
-    """Raises ConfigurationError unless exactly one is given, and can be served."""
+    """Opens the line. Raises ConfigurationError unless exactly one place is given, and can be served."""
     if (link is None) == (port is None):
         raise ConfigurationError(
             "the simulated tracker needs either a pseudo-terminal or a TCP port", "--pty, --tcp", "Give one of the two"
@@ -161,5 +161,5 @@ def open_line(link: Path | None, port: int | None, clock: HostClock) -> TwinLine
 
 
 def url_of(line: TwinLine, link: Path | None) -> str:
-    """Under which the tracker on this line is opened."""
+    """Returns the URL under which the tracker on this line is opened."""
     return f"ndi:{link}" if not isinstance(line, TcpLine) else f"ndi+tcp://127.0.0.1:{line.port}"

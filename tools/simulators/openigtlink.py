@@ -1,4 +1,4 @@
-"""`probewatch simulate openigtlink`: a simulated OpenIGTLink server, for `igtl://host:port`."""
+"""Runs `probewatch simulate openigtlink`: a simulated OpenIGTLink server, for `igtl://host:port`."""
 
 import json
 import time
@@ -19,7 +19,7 @@ from probewatch.tools.shared.termination import termination
 from probewatch.tools.simulators.options import CONTROL, FAULTS_AT, ORIGIN, PROGRAM, RATE, SEED
 
 
-# Bounds: of the other simulators.
+# Bounds: those of the other simulators.
 @click.command("openigtlink", epilog=f"Faults: {', '.join(FAULTS)}")
 @click.option("--tcp", "port", type=click.IntRange(0, 65535), required=True, metavar="PORT", help="0: any free one")
 @click.option("--host", default="127.0.0.1", help="address to listen at [127.0.0.1]")
@@ -64,7 +64,7 @@ def command(
         _tracker(tracker_url, World(seed, program), clock),
     )
     given = FaultControl(FAULTS, Schedule(tuple(parse_fault(text, FAULTS) for text in faults)), control)
-    # A parent that no longer reads the events shall not be answered with a traceback.
+    # No traceback when the parent no longer reads the events.
     with suppress(BrokenPipeError), IgtlTwin((host, port), clock, sources, given) as twin:
         place = "{}:{}".format(*twin.address)
         click.echo(json.dumps({"ready": True, "url": f"igtl://{place}?image={IMAGE_NAME}&probe=Probe&simulated=yes"}))

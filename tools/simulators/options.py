@@ -1,4 +1,4 @@
-"""Options of several simulated devices, and the motion that two of them choose."""
+"""Defines options of several simulated devices, and the motion that two of them choose."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -40,7 +40,7 @@ ORIGIN: Option = click.option("--origin-ns", type=int, help="CLOCK_MONOTONIC at 
 
 
 def with_options(options: Iterable[Option]) -> Option:
-    """Returns what adds these options to a command, in this order of its help."""
+    """Returns a decorator that adds these options to a command, in this order of its help."""
     given = tuple(options)
 
     def add(command: click.decorators.FC, /) -> click.decorators.FC:

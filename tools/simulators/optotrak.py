@@ -1,4 +1,4 @@
-"""`probewatch simulate optotrak`: a simulated Optotrak behind a First Principles server."""
+"""Runs `probewatch simulate optotrak`: a simulated Optotrak behind a First Principles server."""
 
 import time
 from pathlib import Path

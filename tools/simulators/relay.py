@@ -1,4 +1,4 @@
-"""`probewatch simulate relay`: an LCUS relay board on a pseudo-terminal, for `relay:LINK`."""
+"""Runs `probewatch simulate relay`: an LCUS relay board on a pseudo-terminal, for `relay:LINK`."""
 
 import json
 import time

@@ -1,4 +1,4 @@
-"""`probewatch simulate scanner`: an ultrasound scanner whose video output is a socket, for `sim:SOCKET`."""
+"""Runs `probewatch simulate scanner`: an ultrasound scanner whose video output is a socket, for `sim:SOCKET`."""
 
 import json
 import time
@@ -21,7 +21,7 @@ from probewatch.tools.shared.termination import termination
 from probewatch.tools.simulators.options import ORIGIN, RATE, SEED
 
 
-# Bounds of --rate: those of `simulate ndi`. Of --fps: from a slow sweep to what no scanner of the field exceeds.
+# Bounds of --rate: those of `simulate ndi`. Those of --fps: from a slow sweep to what no scanner of the field exceeds.
 @click.command("scanner", epilog=f"Faults: {', '.join(PICTURE_FAULTS)}")
 @click.option("--socket", type=click.Path(path_type=Path), required=True, help="Unix socket to serve")
 @click.option("--fps", type=click.FloatRange(0.1, 1000), default=30.0, help="pictures per simulated second [30]")
@@ -64,7 +64,7 @@ def command(
     world = _world(seed, program, scene, WorldSettings(fps=fps), tissue)
     world.frame(0.0, 0)
     clock = HostClock(rate, time.monotonic_ns() if origin_ns is None else origin_ns)
-    # A parent that no longer reads the events shall not be answered with a traceback.
+    # No traceback when the parent no longer reads the events.
     with suppress(BrokenPipeError), VideoPlug(socket) as plug:
         click.echo(json.dumps({"ready": True, "url": f"sim:{socket}"}))
         scanner = Scanner(PlaceOfWork(world, tank), plug, clock, FaultControl(PICTURE_FAULTS, file=control))

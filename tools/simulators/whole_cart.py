@@ -1,5 +1,5 @@
-"""A cart on one machine: scanner, tracker and relay board as twins, and the service, each its own process; where it is
-wanted, an OpenIGTLink server between the first two and the service.
+"""Runs a cart on one machine: scanner, tracker and relay board as twins, and the service, each its own process; where
+it is wanted, an OpenIGTLink server between the first two and the service.
 """
 
 import json
@@ -36,15 +36,15 @@ TWINS = {
     "polaris": [*_PROBEWATCH, "simulate", "ndi", "--model", "polaris-spectra"],
     "relay_board": [*_PROBEWATCH, "simulate", "relay"],
 }
-"""The command that starts each."""
+"""Commands that start each twin."""
 SERVER = "server"
 """Name of the OpenIGTLink server among the twins."""
 _READY_S = 30.0
-"""For which a part may take to serve: it loads its libraries beside three others. Less gives up on a busy machine."""
+"""Seconds that a part may take to serve: it loads its libraries beside three others. Less gives up on busy machines."""
 _END_S = 10.0
-"""Between SIGTERM and SIGKILL: the service waits up to 2 s for a disk, and a second for each device that hangs."""
+"""Seconds between SIGTERM and SIGKILL: the service waits up to 2 s for a disk, and 1 s for each device that hangs."""
 _LAST_LINES = 8
-"""Of the log of a part that ended by itself: the end of a traceback, and a few lines before it."""
+"""Lines of the log of a part that ended by itself: the end of a traceback, and a few lines before it."""
 _DEADLINE_MS = 250.0
 _LONGEST_DEADLINE_MS = 5000.0
 """`deadline_ms` of the tracker in real time, longer on a cart that is faster, and the most that it takes
@@ -53,7 +53,7 @@ _LONGEST_DEADLINE_MS = 5000.0
 
 
 def status_of(socket: Path) -> Event:
-    """The status of the service behind this control socket; empty while it does not answer."""
+    """Returns the status of the service behind this control socket; empty while it does not answer."""
     try:
         with ControlClient(socket) as client:
             return client.status()
@@ -62,7 +62,7 @@ def status_of(socket: Path) -> Event:
 
 
 class Part:
-    """One process. said: its JSON lines with `heard_s` (host, s) added. noise: lines that are not JSON.
+    """Represents one process. said: its JSON lines with `heard_s` (host, s) added. noise: lines that are not JSON.
 
     It is in a process group of its own, so Ctrl-C in the terminal reaches it only through end().
     """
@@ -95,7 +95,7 @@ class Part:
                 self.noise.append(line)
 
     def find(self, since_s: float = 0.0, **fields: object) -> Event | None:
-        """First line with these fields heard after since_s."""
+        """Returns the first line with these fields heard after since_s."""
         for event in tuple(self.said):
             if event["heard_s"] >= since_s and fields.items() <= event.items():
                 return event
@@ -112,7 +112,7 @@ class Part:
         raise DeviceLost(f"{self.name} {how}; its last lines:{log}", "simulated cart")
 
     def end(self, kill: bool = False) -> int:
-        """Exit code after SIGTERM, or SIGKILL; a process that ignores the first gets the second."""
+        """Ends the process by SIGTERM, or SIGKILL where it ignores that or kill is set, and returns its exit code."""
         if self.process.poll() is None:
             (self.process.kill if kill else self.process.terminate)()
         try:
@@ -128,8 +128,9 @@ class Part:
 
 @dataclass(frozen=True, slots=True)
 class CartSettings:
-    """seed: of the world. rate: seconds of the cart per second. served: scanner and tracker come through an OpenIGTLink
-    server, as behind PLUS. fps: pictures per second of the cart. tissue: what is scanned (`surroundings`).
+    """Holds the settings of a cart. seed: that of the world. rate: seconds of the cart per second. served: whether
+    scanner and tracker come through an OpenIGTLink server, as behind PLUS. fps: pictures per second of the cart.
+    tissue: what is scanned (`surroundings`).
     """
 
     seed: int = 1
@@ -140,14 +141,14 @@ class CartSettings:
 
 
 class NotReady(DeviceLost):
-    """A part that lives did not come up, or did not answer, in time."""
+    """Reports that a part which is alive did not come up, or did not answer, in time."""
 
 
 class SimulatedDevices(Closable):
-    """The devices, everything under `folder`; leaving the context ends every process. Time 0 is the creation of this
-    object.
+    """Runs the devices, everything under `folder`; leaving the context ends every process. Time 0 is the creation of
+    this object.
 
-    pause: how to wait for some seconds; what it raises ends the start. twins: the processes, once started. config: the
+    pause: waits for a number of seconds; what it raises ends the start. twins: the processes, once started. config: the
     configuration of a service that fits them, also as config_text. tank: while this file exists, the probe is held over
     a cross-wire in water.
     """
@@ -188,16 +189,16 @@ class SimulatedDevices(Closable):
         self.config.write_text(self.config_text)
 
     def close(self) -> None:
-        """End every process."""
+        """Ends every process."""
         for part in self.twins.values():
             part.end()
 
     def now_s(self) -> float:
-        """Time of the cart, s."""
+        """Returns the time of the cart, s."""
         return (self.clock.now_ns() - self.clock.origin_ns) / 1e9
 
     def launch_twin(self, name: str) -> None:
-        """Start the process; await_twin waits until it serves."""
+        """Starts the process; await_twin waits until it serves."""
         if name == SERVER:
             self._launch_server()
             return
@@ -212,7 +213,7 @@ class SimulatedDevices(Closable):
         self.twins[name] = Part(name, [*TWINS[name], *options, *self._time(), *world])
 
     def _launch_server(self) -> None:
-        """Again at the port that it had."""
+        """Starts the server, again at the port that it had."""
         control = ["--control", str(self.folder / f"{SERVER}.json")]
         devices = ["--video", self._devices["scanner"], "--tracker", self._devices["polaris"]]
         command = [*_PROBEWATCH, "simulate", "openigtlink", "--tcp", str(self._port), *devices, *control]
@@ -222,8 +223,8 @@ class SimulatedDevices(Closable):
         return ["--origin-ns", str(self.clock.origin_ns), "--rate", str(self.settings.rate)]
 
     def kill_twin(self, name: str) -> None:
-        """Kill it, as when its power fails. The name of its pseudo-terminal goes first: the kernel gives the number of
-        a closed one to whoever asks next, and the service would open another cart's device by it.
+        """Kills a twin, as when its power fails. The name of its pseudo-terminal is removed first: the kernel gives the
+        number of a closed one to the next process that asks, and the service would open another cart's device by it.
         """
         place = self.folder / name
         if place.is_symlink():
@@ -231,7 +232,7 @@ class SimulatedDevices(Closable):
         self.twins[name].end(kill=True)
 
     def await_twin(self, name: str) -> str:
-        """URL under which it serves. Raises DeviceLost when it ends or hangs before it is ready."""
+        """Returns the URL under which a twin serves. Raises DeviceLost when it ends or hangs before it is ready."""
         twin = self.twins[name]
         deadline_s = time.monotonic() + _READY_S
         while (ready := twin.find(ready=True)) is None:
@@ -245,7 +246,7 @@ class SimulatedDevices(Closable):
         return str(ready["url"])
 
     def show_faults(self, schedule: Schedule) -> None:
-        """Each twin shows its own of these from now on, and no others; within 50 ms of the cart's time."""
+        """Makes each twin show its own of these faults from now on, and no others; within 50 ms of the cart's time."""
         pictures = tuple(one for one in schedule.episodes if one.fault in PICTURE_FAULTS)
         others = tuple(one for one in schedule.episodes if one.fault not in PICTURE_FAULTS)
         for name, episodes in (("scanner", pictures), ("polaris", others)):
@@ -258,8 +259,8 @@ class SimulatedDevices(Closable):
             part.require()
 
     def _configuration(self, urls: dict[str, str]) -> str:
-        """Absolute paths, so that the text may be put anywhere. The tracker's deadline runs on the cart's clock, which
-        may be faster than the machine.
+        """Returns the configuration, with absolute paths, so that the text may be put anywhere. The tracker's deadline
+        runs on the cart's clock, which may be faster than the machine.
         """
         deadline_ms = min(max(1.0, self.settings.rate) * _DEADLINE_MS, _LONGEST_DEADLINE_MS)
         return (
@@ -273,7 +274,7 @@ class SimulatedDevices(Closable):
 
 
 class SimulatedCart(SimulatedDevices):
-    """The devices and the service between them. daemon: its process, once started."""
+    """Runs the devices and the service between them. daemon: its process, once started."""
 
     daemon: Part | None = None
 
@@ -282,13 +283,13 @@ class SimulatedCart(SimulatedDevices):
         self.start_daemon()
 
     def close(self) -> None:
-        """The service first, so that it opens the contact on a relay board that still listens."""
+        """Ends the service first, so that it opens the contact on a relay board that still listens."""
         if self.daemon is not None:
             self.daemon.end()
         super().close()
 
     def start_daemon(self) -> None:
-        """Start the service on the configuration that has been written."""
+        """Starts the service on the configuration that has been written."""
         rate = ["--clock-rate", str(self.settings.rate), "--clock-origin-ns", str(self.clock.origin_ns)]
         self.daemon = Part("service", [*_PROBEWATCH, "run", "--config", str(self.config), *rate])
 
@@ -299,11 +300,11 @@ class SimulatedCart(SimulatedDevices):
             self.daemon.require()
 
     def status(self) -> Event:
-        """What the service says; empty while it does not answer."""
+        """Returns what the service reports; empty while it does not answer."""
         return status_of(self.socket)
 
     def acknowledge(self) -> bool:
-        """Whether the service granted it."""
+        """Acknowledges the alarm, and returns whether the service granted it."""
         try:
             with ControlClient(self.socket) as client:
                 client.acknowledge()
