@@ -78,11 +78,7 @@ def write_recording_page(
         parts.append(section("Proposed, not applied", *(text(clause) for clause in report.proposal.text.split("; "))))
     parts += [
         section("State", _states(changes, trace.duration_s)),
-        *(
-            []
-            if comparison is None
-            else [section("State as reported live", _live_states(comparison, trace.duration_s))]
-        ),
+        *_live(comparison, trace.duration_s),
         section("What was missing", _missing(trace, report)),
         section("Coverage", _coverage(trace)),
         section("Path of the picture and of the tracker", *_paths(trace)),
