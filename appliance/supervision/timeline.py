@@ -1,6 +1,7 @@
 """Runs the supervisor over a recording: the states that a room would have seen. Pure: time is that of the samples."""
 
 from collections import Counter
+from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -9,8 +10,9 @@ from probewatch.appliance.core.quality.report import Change, LineReport
 from probewatch.appliance.limits import Limits
 from probewatch.appliance.supervision.device_health import DeviceHealth, Timeouts
 from probewatch.appliance.supervision.device_watchers import watch_devices
+from probewatch.appliance.supervision.recorded_gaps import RecordedGaps
 from probewatch.appliance.supervision.supervisor import TICK_NS, Durations, Inputs, Supervisor
-from probewatch.appliance.types import AlarmState, Check, Verdict, VerdictKind
+from probewatch.appliance.types import AlarmState, Check, Fault, Verdict, VerdictKind
 from probewatch.drivers.samples import Frame, Sample
 
 _LONGEST_GAP, _SHORT_GAP = 900_000_000_000 // TICK_NS, 10_000_000_000 // TICK_NS
@@ -47,10 +49,18 @@ class Timeline:
     """Ticks the supervisor at its usual rate between start_ns and end_ns, while both devices were recorded.
 
     origin_ns: time that t_s counts from. All times are ns of the recording's clock. judging: as the cart's
-    configuration defines it.
+    configuration defines it. injected: faults of devices that were lost on purpose; other silences are gaps of the
+    recording.
     """
 
-    def __init__(self, origin_ns: int, start_ns: int, end_ns: int, judging: Judging | None = None) -> None:
+    def __init__(
+        self,
+        origin_ns: int,
+        start_ns: int,
+        end_ns: int,
+        judging: Judging | None = None,
+        injected: Collection[Fault] = (),
+    ) -> None:
         judging = judging or Judging()
         self._origin_ns, self._end_ns = origin_ns, end_ns
         self._next_ns, self._idle_left = start_ns, _MOST_IDLE
@@ -58,6 +68,7 @@ class Timeline:
         self._verdicts: list[Verdict] = []
         self._supervisor = Supervisor(judging.durations)
         self._timeouts, self._limits = judging.timeouts, judging.limits
+        self._gaps = RecordedGaps(origin_ns, judging.timeouts, injected)
         self._last: AlarmState | None = None
         self._unusable = Counter[str]()
         self._furthest_mm: float | None = None
@@ -68,6 +79,7 @@ class Timeline:
         """Takes the next sample, in time order, and the line's verdicts on it."""
         self._tick_until(sample.stamp.t_ns)
         self._health = _noted(self._health, sample)
+        self._gaps.note(sample)
         self._verdicts += verdicts
         if isinstance(sample, Frame):
             return
@@ -79,6 +91,8 @@ class Timeline:
     def finish(self) -> None:
         """Ticks to the end, also where the samples stopped before it."""
         self._tick_until(self._end_ns + 1)
+        self._gaps.finish(self._end_ns)
+        self.changes = self._gaps.told(self.changes)
 
     def completed(self, report: LineReport) -> LineReport:
         """Returns the line's report after finish(), with what the line does not see: why poses could not be used,

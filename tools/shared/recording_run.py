@@ -8,7 +8,7 @@ from probewatch.appliance.core.line import Line
 from probewatch.appliance.core.quality.report import Change, LineReport
 from probewatch.appliance.storage.black_box import Series
 from probewatch.appliance.supervision.timeline import Judging, Timeline
-from probewatch.appliance.types import Verdict
+from probewatch.appliance.types import Fault, Verdict
 from probewatch.drivers.errors import RecordingError
 from probewatch.drivers.samples import Frame, Pose, Sample
 from probewatch.drivers.twins.faults import Schedule
@@ -37,6 +37,9 @@ class Session(Protocol):
 Seen = Callable[[Sample, tuple[Verdict, ...], Line], None]
 """(sample, the verdicts of the line on it, the line), for a function that draws it."""
 
+_LOST = {"lose-video": Fault.VIDEO_LOST, "lose-tracker": Fault.TRACKER_LOST}
+"""Faults that --inject makes by leaving samples out → what a cart says of them."""
+
 
 def nobody(sample: Sample, verdicts: tuple[Verdict, ...], line: Line) -> None:
     """Ignores the sample and its verdicts."""
@@ -53,7 +56,8 @@ def run(
     """Runs every sample through pipeline and supervisor; the report also counts what the reader left out.
     `watched` passes the samples on and shows the progress.
     """
-    timeline = Timeline(session.start_ns, *session.overlap_ns, judging)
+    injected = [_LOST[episode.fault] for episode in schedule.episodes if episode.fault in _LOST]
+    timeline = Timeline(session.start_ns, *session.overlap_ns, judging, injected)
     for sample in watched(inject(session.samples(), schedule, session.start_ns)):
         verdicts = line.step(sample)
         timeline.step(sample, verdicts)

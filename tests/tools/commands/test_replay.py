@@ -201,6 +201,51 @@ def test_a_report_is_made_and_written(session, calibration, tmp_path):
     assert data["timeline"][0]["t_s"] == 0.0
 
 
+GAP = slice(20, 60)
+WITHOUT = {
+    "no picture": [replace(item, image=None) for item in items(80, REPLAYED_PX)[GAP]],
+    "neither picture nor reading of the tracker": [],
+}
+
+
+@pytest.mark.parametrize("lacking", WITHOUT)
+def test_a_gap_of_a_recording_is_told_as_one_and_not_as_a_fault_of_the_scanner(calibration, tmp_path, lacking):
+    whole, path, page = items(80, REPLAYED_PX), tmp_path / "gap.igs.mha", tmp_path / "page.html"
+    write_metaimage(path, [*whole[: GAP.start], *WITHOUT[lacking], *whole[GAP.stop :]], REPLAYED_PX)
+    _, out, err = run(path, "--calibration", calibration, "--json", "--html", page)
+    said = f"The recording has {lacking} for 3.3 s from 1.52 s on: record again, or cut it there"
+    told = [(change["state"], change["reason"]) for change in json.loads(out)["timeline"]]
+    assert [one for one in told if one[0] in ("warning", "device lost")] == [("warning", said), ("device lost", said)]
+    for text in (err, page.read_text()):
+        assert said in text
+        assert "No picture from the scanner" not in text
+
+
+def test_several_gaps_that_lead_to_one_state_are_told_as_such(calibration, tmp_path):
+    path = tmp_path / "slow.igs.mha"
+    few = [item if n % 10 == 0 else replace(item, image=None) for n, item in enumerate(items(71, REPLAYED_PX))]
+    write_metaimage(path, few, REPLAYED_PX)
+    err = run(path, "--calibration", calibration)[1]
+    assert "warning: The recording has no picture in 7 gaps from 0.00 to 5.60 s, the longest of 0.8 s" in err
+
+
+def test_missing_readings_of_the_tracker_are_told_and_a_later_gap_is_told_apart():
+    timeline = Timeline(START_NS, START_NS, START_NS + 199 * PERIOD_NS)
+    for index in range(200):
+        timeline.step(Frame(Stamp(START_NS + index * PERIOD_NS, 0), index, picture(index, REPLAYED_PX)), ())
+        if not (40 <= index < 60 or 90 <= index < 100):
+            timeline.step(reply(index, PoseStatus.OK), ())
+    timeline.finish()
+    said = [change.reason.partition(":")[0] for change in timeline.changes if change.fault is Fault.TRACKER_LOST]
+    first = "The recording has no reading of the tracker for 1.7 s from 3.12 s on"
+    assert said == [first, first, "The recording has no reading of the tracker for 0.9 s from 7.12 s on"]
+
+
+@pytest.mark.parametrize("fault", ["lose-video", "lose-tracker"])
+def test_a_device_that_is_lost_on_purpose_is_told_as_live(session, calibration, fault):
+    assert "The recording has no" not in run(session, "--calibration", calibration, "--inject", f"{fault}@1")[1]
+
+
 @pytest.mark.parametrize(
     ("fault", "named"),
     [("lose-video", "video-lost"), ("lose-tracker", "tracker-lost"), ("stale-tracker", "tracker-stale")],
