@@ -21,7 +21,7 @@ from probewatch.drivers.errors import ConfigurationError
 from probewatch.drivers.files.atomic_file import make_folder, replacing, sync_directory
 
 FOLDER, HISTORY = "references", "history.json"
-CONFIGURED, RECALIBRATED = "configuration", "recalibration"
+CONFIGURED, RECALIBRATED, FROM_FILE = "configuration", "recalibration", "file"
 
 _MAX_HISTORY_BYTES = 16_000_000
 """About 15,000 references; a longer file is none that was written here."""
@@ -38,8 +38,9 @@ class _Stored(BaseModel):
 class Entry(_Stored):
     """One reference.
 
-    number: counts from 1. origin: configuration, recalibration, or "went back to N". utc: when it came in force, ISO
-    8601. software: version that took it. file: where its content lay. image_size_px, probe: with which a device set was
+    number: counts from 1. origin: configuration, recalibration, "went back to N", file (which lay there, as for
+    `calibration use`), or "file of reference N" where its content was that one's. utc: when it came in force, ISO 8601.
+    software: version that took it. file: where its content lay. image_size_px, probe: with which a device set was
     read. simulated: made of a simulated scan. difference: from the one before, in words; empty for the first. who:
     asked for it; empty for the service itself. to_show: checks that must be shown before its first OK. verified_utc:
     when motion first showed it; None before. relative_pose: as of

@@ -142,6 +142,8 @@ GERMAN = {text: german for row in FAULT_ROWS.values() for text, german in row.tr
     "configuration": "Konfiguration",
     "recalibration": "Neukalibrierung",
     "went back to {number}": "zurück zu {number}",
+    "file": "Datei",
+    "file of reference {number}": "Datei der Referenz {number}",
     "SIMULATED": "SIMULIERT",
     "recorded: the tracker's position sensor was checked; an alert of a bump, if there was one, ends": (
         "vermerkt: der Positionssensor des Trackers wurde geprüft; die Meldung eines Stoßes, wenn es eine gab, endet"

@@ -357,7 +357,7 @@ def _change(wanted: Path | int, socket: Path, yes: bool, wait_s: float) -> None:
             confirm = accepted(client.propose_calibration(wanted), yes, language)
         with ControlClient(socket) as client:
             with recalibrating(client, language):
-                client.end_recalibration(wanted, *confirm)
+                client.end_recalibration(wanted, *confirm, scanned=False)
             await_verification(client, socket, wait_s, language)
             number = client.status()["reference"]["number"]
             done = "reference {number} is verified and in force, also after a restart"

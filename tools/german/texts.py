@@ -145,7 +145,6 @@ GERMAN_OF_TOOLS = {
     "since": "seit",
     "origin": "Herkunft",
     "verified": "bestätigt",
-    "file": "Datei",
     "no": "nein",
     "in force": "in Kraft",
     "not yet": "noch nicht",

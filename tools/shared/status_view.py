@@ -46,6 +46,8 @@ WORDS = {
     "configuration": "configuration",
     "recalibration": "recalibration",
     "went back": "went back to {number}",
+    "file": "file",
+    "file of": "file of reference {number}",
     "simulated": "SIMULATED",
     "recovering": "within its limit again; good once it has stayed so for some seconds: {names}",
     **POINT_WORDS,
@@ -322,6 +324,9 @@ def _reference(reference: Mapping[str, Any], say: Mapping[str, str]) -> str:
 
 
 def _origin_words(origin: str, say: Mapping[str, str]) -> str:
-    """Returns the origin in the language: it is one of three, the last of which names another reference."""
-    went_back, _, number = origin.partition("went back to ")
-    return say["went back"].format(number=number) if not went_back else say.get(origin, origin)
+    """Returns the origin in the language; some of them name another reference."""
+    for named in ("went back", "file of"):
+        before = WORDS[named].removesuffix("{number}")
+        if origin.startswith(before):
+            return say[named].format(number=origin.removeprefix(before))
+    return say.get(origin, origin)

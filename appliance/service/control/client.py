@@ -82,13 +82,14 @@ class ControlClient(Closable):
         """
         self._ask(do="begin-recalibration", **({} if hold_s is None else {"hold_s": hold_s}))
 
-    def end_recalibration(self, wanted: Path | int, confirm: str = "", sha256: str = "") -> None:
+    def end_recalibration(self, wanted: Path | int, confirm: str = "", sha256: str = "", scanned: bool = True) -> None:
         """Takes a file, or an earlier reference by its number, as the reference; monitoring resumes once the line has
         confirmed it. confirm: the difference in the words of the proposal, where it must be confirmed. sha256: that of
-        the proposal, so that no other file is taken.
+        the proposal, so that no other file is taken. scanned: False for a file that no scan has just made.
         """
-        proposed = {"sha256": sha256} if sha256 else {}
-        self._ask(do="end-recalibration", confirm=confirm, **proposed, **_wanted(wanted))
+        said: dict[str, str | float] = {"sha256": sha256} if sha256 else {}
+        said |= {} if scanned else {"scanned": False}
+        self._ask(do="end-recalibration", confirm=confirm, **said, **_wanted(wanted))
 
     def abort_recalibration(self) -> None:
         """Returns to the reference that was in force before."""

@@ -13,7 +13,7 @@ from probewatch.appliance.service.control.server import ControlRefused
 from probewatch.appliance.service.estimator.process_host import EstimatorHost
 from probewatch.appliance.storage.calibration_file import calibration_bytes
 from probewatch.appliance.storage.reference import Candidate, Reference
-from probewatch.appliance.storage.reference_store import RECALIBRATED
+from probewatch.appliance.storage.reference_store import FROM_FILE, RECALIBRATED
 from probewatch.appliance.supervision.supervisor import Request, Supervisor
 from probewatch.appliance.types import PARAMETERS, State
 
@@ -31,7 +31,8 @@ _COMPARED = (
 class Wanted:
     """Names what a person wants as the reference: a file, or the number of an earlier one. confirm: the difference from
     the one in force, as the proposal states it; empty where the person did not accept it. sha256: that of the proposed
-    file; empty accepts whatever the file holds now. who: the person who asks.
+    file; empty accepts whatever the file holds now. who: the person who asks. scanned: a scan in this recalibration has
+    made the file; False for a file that existed before.
     """
 
     file: Path | None = None
@@ -39,10 +40,7 @@ class Wanted:
     confirm: str = ""
     sha256: str = ""
     who: str = ""
-
-    @property
-    def origin(self) -> str:
-        return RECALIBRATED if self.number is None else f"went back to {self.number}"
+    scanned: bool = True
 
 
 class Recalibration:
@@ -94,7 +92,7 @@ class Recalibration:
             what = f"differs from the reference in force: {change.text}"
             raise ControlRefused(what, candidate.file, "To accept that, repeat the difference: field confirm, or --yes")
         self._ask(Request.END_RECALIBRATION)
-        self._take(candidate, wanted.origin, wanted.who, change)
+        self._take(candidate, self._origin(wanted, candidate), wanted.who, change)
 
     def abort(self) -> None:
         """Returns to the reference that was in force before. Raises ControlRefused."""
@@ -146,6 +144,15 @@ class Recalibration:
         text = "" if change is None else change.text
         to_show = _EVERYTHING if far else ()
         self._refer(self._references.take(candidate, origin, who, text, to_show, relative_pose))
+
+    def _origin(self, wanted: Wanted, candidate: Candidate) -> str:
+        """Where it came from, as the history has it."""
+        if wanted.number is not None:
+            return f"went back to {wanted.number}"
+        if wanted.scanned:
+            return RECALIBRATED
+        same = [one.number for one in self._references.history.entries if one.sha256 == candidate.sha256]
+        return f"{FROM_FILE} of reference {same[-1]}" if same else FROM_FILE
 
     def _far_from_before(self, candidate: Candidate) -> bool:
         """Returns whether the candidate is far from the reference that was verified last: several near ones in a row,

@@ -30,7 +30,7 @@ _FIELDS: Mapping[str, tuple[str, ...]] = {
     "pause-audio": ("seconds",),
     "propose-calibration": _CALIBRATION,
     "begin-recalibration": ("hold_s",),
-    "end-recalibration": (*_CALIBRATION, "sha256"),
+    "end-recalibration": (*_CALIBRATION, "sha256", "scanned"),
 }
 """The fields that each request reads. Every request may also have `reason`, which is kept in the alarm log."""
 
@@ -193,6 +193,9 @@ def _wanted(body: Body, who: str) -> Wanted:
     sha256 = body.get("sha256", "")
     if not isinstance(sha256, str):
         raise ControlRefused("sha256 must repeat that of the proposal")
+    scanned = body.get("scanned", True)
+    if not isinstance(scanned, bool):
+        raise ControlRefused("scanned must be true or false")
     if "number" in body:
         number = body["number"]
         if not isinstance(number, int) or isinstance(number, bool) or "file" in body:
@@ -201,4 +204,4 @@ def _wanted(body: Body, who: str) -> Wanted:
     file = body.get("file")
     if not isinstance(file, str) or not file or not file.isprintable():
         raise ControlRefused("file must name a calibration file")
-    return Wanted(file=Path(file), confirm=confirm, sha256=sha256, who=who)
+    return Wanted(file=Path(file), confirm=confirm, sha256=sha256, who=who, scanned=scanned)

@@ -121,12 +121,12 @@ STATUS = (
         "reference",
         "object or null",
         "the calibration in force: `number` in the history, `origin` (configuration, recalibration, went "
-        "back to N), `utc` (since), `software` (version that took it), `file` (where it lay), `sha256`, "
-        "`image_size_px`, `probe`, `simulated`, `difference` (from the one before), `who`, `to_show` (checks "
-        "that its first OK needs), `verified_utc` (null: not yet), `relative_pose` (16 numbers by rows, "
-        "second marker body → first, mm; null: not known), `image_to_probe` (4 × 4, rows: pixel → mm in the "
-        "frame of the marker body, as PLUS has it), `polarity` (±1 for lateral, axial: mirrored axes of the "
-        "picture, which the matrix does not show)",
+        "back to N, file, file of reference N), `utc` (since), `software` (version that took it), `file` "
+        "(where it lay), `sha256`, `image_size_px`, `probe`, `simulated`, `difference` (from the one before), "
+        "`who`, `to_show` (checks that its first OK needs), `verified_utc` (null: not yet), `relative_pose` (16 "
+        "numbers by rows, second marker body → first, mm; null: not known), `image_to_probe` (4 × 4, rows: "
+        "pixel → mm in the frame of the marker body, as PLUS has it), `polarity` (±1 for lateral, "
+        "axial: mirrored axes of the picture, which the matrix does not show)",
     ),
     Field(
         "reference_due_utc",

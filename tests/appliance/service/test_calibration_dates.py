@@ -70,7 +70,7 @@ def test_it_stays_expired_when_the_service_goes_back_to_it_by_itself(expired: Si
     expect_expired(expired, "went back to 1")
 
 
-@pytest.mark.parametrize(("words", "origin"), [(["back", 1], "went back to 1"), (["use"], "recalibration")])
+@pytest.mark.parametrize(("words", "origin"), [(["back", 1], "went back to 1"), (["use"], "file of reference 1")])
 def test_it_stays_expired_when_a_person_takes_the_same_file_again(
     expired: SimulatedCart, words: list[str | int], origin: str
 ) -> None:

@@ -125,6 +125,9 @@ def test_a_line_is_never_half_german() -> None:
         ("de", "went back to 1", "Referenz 3 · zurück zu 1, SIMULIERT · probe.toml · 9bc342d50898 · seit 2026-11-29"),
         ("de", "configuration", "Referenz 3 · Konfiguration, SIMULIERT · "),
         ("de", "recalibration", "Referenz 3 · Neukalibrierung, SIMULIERT · "),
+        ("en", "file", "reference 3 · file, SIMULATED · "),
+        ("de", "file", "Referenz 3 · Datei, SIMULIERT · "),
+        ("de", "file of reference 2", "Referenz 3 · Datei der Referenz 2, SIMULIERT · "),
     ],
 )
 def test_the_reference_is_named_in_the_language_of_the_room(language: str, origin: str, said: str) -> None:

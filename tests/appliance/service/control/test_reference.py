@@ -1,5 +1,6 @@
 """Which calibration verdicts speak of while a person recalibrates, whatever ends it."""
 
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from types import SimpleNamespace
 from typing import cast
@@ -110,6 +111,20 @@ def test_what_fails_before_the_new_reference_is_confirmed_returns_to_the_old_one
     origins = [entry.origin for entry in kept(config).entries]
     assert origins == ["configuration", "recalibration", "went back to 1"]
     assert settled(started(config)).current.calibration.offset_mm[2] == 3.0
+
+
+def test_the_history_tells_a_file_that_lay_there_from_one_that_a_scan_made(config, new):
+    """Also that its content is one of an earlier reference."""
+    cart = Cart(config, State.HALT)
+    for wanted in (new, replace(new, scanned=False), replace(new, file=config.calibration.file, scanned=False)):
+        cart.recalibration.begin()
+        cart.recalibration.end(replace(wanted, confirm=cart.recalibration.propose(wanted)["text"]))
+    other = replace(new, file=written(config.alarm.folder.parent / "other.toml", 0, 0, 2), scanned=False)
+    cart.recalibration.begin()
+    cart.recalibration.end(replace(other, confirm=cart.recalibration.propose(other)["text"]))
+    settled(cart.references)
+    origins = [entry.origin for entry in kept(config).entries]
+    assert origins == ["configuration", "recalibration", "file of reference 2", "file of reference 1", "file"]
 
 
 def test_a_recalibration_given_up_returns_to_the_old_reference(config, new):
