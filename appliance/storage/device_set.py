@@ -11,9 +11,16 @@ from xml.etree import ElementTree as ET
 from probewatch.appliance.storage.calibration_file import is_device_set
 from probewatch.drivers.files.markup import number_of, xml_of
 from probewatch.drivers.printable import printable
+from probewatch.drivers.video.crop import FLIPS
 
 _LEAST_OFFSET_S = 0.0005
 """s, the smallest offset worth a remark: half of latency_ms's last digit as a person gives it. Less is PLUS's 0."""
+_MOST_LISTED = 6
+"""Transforms that are named as not kept; a device set has a handful, and more than two lines are not read."""
+_MOST_SHOWN = 40
+"""Characters of a name or value that are repeated; PLUS's are shorter."""
+_KEPT = ("From", "To", "Matrix")
+"""Attributes of a transform that make the calibration."""
 _MOST_REMARKS = 8
 """Remarks on one file: a device set has a handful of devices, and nobody reads more than a screen."""
 
@@ -32,7 +39,18 @@ def remarks(content: bytes, image_size_px: tuple[int, int] | None = None) -> tup
     image_size_px: (width, height) of the pictures, where it is known.
     """
     devices = _devices(content)
-    return (*_of_clips(devices, image_size_px), *_of_offsets(devices))[:_MOST_REMARKS]
+    return (*_of_clips(devices, image_size_px), *_of_orientations(devices), *_of_offsets(devices))[:_MOST_REMARKS]
+
+
+def not_kept(content: bytes) -> tuple[str, ...]:
+    """One sentence on what transforms say beside their matrix, such as Error and Date; none where they say nothing."""
+    said = []
+    for node in _nodes(content, ".//CoordinateDefinitions//Transform"):
+        beside = [f"{name} {_shown(value)}" for name, value in node.attrib.items() if name not in _KEPT]
+        if beside:
+            said.append(f"{' and '.join(beside)} ({_shown(node.get('From', ''))} to {_shown(node.get('To', ''))})")
+    more = [f"{len(said) - _MOST_LISTED} more"] if len(said) > _MOST_LISTED else []
+    return (f"not kept of what the file says: {', '.join([*said[:_MOST_LISTED], *more])}",) if said else ()
 
 
 def _of_clips(devices: list[ET.Element], image_size_px: tuple[int, int] | None) -> Iterator[str]:
@@ -49,6 +67,16 @@ def _of_clips(devices: list[ET.Element], image_size_px: tuple[int, int] | None) 
             )
 
 
+def _of_orientations(devices: list[ET.Element]) -> Iterator[str]:
+    for device in devices:
+        named = {node.get("PortUsImageOrientation", "").upper()[:2] for node in device.iter()}
+        for stored in sorted(named & (FLIPS.keys() - {"MF"})):
+            yield (
+                f"PLUS turns the picture of {_name(device)} from {stored} to MF, to which the calibration refers. With "
+                f"v4l2: or opencv: give orientation={stored} in the URL; over igtl: PLUS has turned it already"
+            )
+
+
 def _of_offsets(devices: list[ET.Element]) -> Iterator[str]:
     for node in devices:
         offset_s = _number(node.get("LocalTimeOffsetSec", ""))
@@ -61,16 +89,24 @@ def _of_offsets(devices: list[ET.Element]) -> Iterator[str]:
 
 
 def _devices(content: bytes) -> list[ET.Element]:
+    return _nodes(content, ".//DataCollection//Device")
+
+
+def _nodes(content: bytes, path: str) -> list[ET.Element]:
     if not is_device_set(content):
         return []
     try:
-        return list(xml_of(content).iterfind(".//DataCollection//Device"))
+        return list(xml_of(content).iterfind(path))
     except ValueError:
         return []
 
 
+def _shown(text: str) -> str:
+    return printable(text)[:_MOST_SHOWN]
+
+
 def _name(node: ET.Element) -> str:
-    return f"'{printable(node.get('Id', ''))[:40]}'"
+    return f"'{_shown(node.get('Id', ''))}'"
 
 
 def _clips(device: ET.Element) -> Iterator[tuple[int, int, int, int]]:

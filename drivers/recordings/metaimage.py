@@ -23,6 +23,7 @@ from probewatch.drivers.printable import printable
 from probewatch.drivers.recordings.foreign import HEAD_BYTES, are_matrix, are_numbers, refuse_foreign
 from probewatch.drivers.recordings.keys import IMAGE_STATUS, ORIENTATION, from_zero, known, missing
 from probewatch.drivers.recordings.picture_blocks import inflated, raw
+from probewatch.drivers.recordings.unread import beside_layout
 from probewatch.drivers.samples import GreyImage, Matrix4, PoseStatus
 from probewatch.drivers.trackers.plus_transform import GOOD, TransformReading, rigid_reading, without_matrix
 from probewatch.drivers.video.crop import FLIPS
@@ -54,17 +55,19 @@ class MetaImage:
     """Represents the checked header of one sequence; pictures are read only when asked for.
 
     size_px: (width, height), None where the sequence holds no pictures. frames: the fields of each entry, in order.
+    orientation: as stored, two letters. unread: fields of the header that nothing reads.
     """
 
     path: Path
     size_px: tuple[int, int] | None
     frames: tuple[Mapping[str, str], ...]
-    _orientation: str
+    orientation: str
     _data_path: Path
     _data_offset: int
     _compressed: bool
     _window_bits: int = zlib.MAX_WBITS
     _channels: int = 1
+    unread: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.frames)
@@ -120,7 +123,7 @@ class MetaImage:
         if self.size_px is None:
             return
         width, height = self.size_px
-        flip_rows, flip_columns = FLIPS[self._orientation]
+        flip_rows, flip_columns = FLIPS[self.orientation]
         rows, columns = slice(None, None, -1 if flip_rows else 1), slice(None, None, -1 if flip_columns else 1)
         for block in self._blocks(width * height * self._channels):
             stored = np.frombuffer(block, np.uint8).reshape(height, width, self._channels)
@@ -229,12 +232,13 @@ def checked_header(
         path=path,
         size_px=(width, height) if width * height > 1 else None,
         frames=tuple(entries),
-        _orientation=(orientation or general.get(ORIENTATION, "")).upper()[:2],
+        orientation=(orientation or general.get(ORIENTATION, "")).upper()[:2],
         _data_path=data_path,
         _data_offset=offset if local else max(0, skipped),
         _compressed=compressed,
         _window_bits=window_bits,
         _channels=channels,
+        unread=beside_layout(general),
     )
     if sequence.size_px is None:
         return sequence

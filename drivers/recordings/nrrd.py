@@ -28,6 +28,7 @@ from probewatch.drivers.recordings.metaimage import (
 )
 from probewatch.drivers.recordings.metaimage_writing import SequenceItem, spooled
 from probewatch.drivers.recordings.picture_blocks import BLOCK_BYTES
+from probewatch.drivers.recordings.unread import beside_layout
 from probewatch.drivers.video.crop import FLIPS
 
 MAGIC = b"NRRD"
@@ -166,6 +167,7 @@ def _as_metaimage(path: Path, general: dict[str, str], encoding: str, named: str
         raise RecordingError(what, str(path), "Record 8-bit grey B-mode pictures, one after the other")
     kind = general.get("type", "").lower()
     return {
+        **{name: general[name] for name in beside_layout(general)},
         "DimSize": " ".join(size for size, _ in axes),
         "ElementType": "MET_UCHAR" if kind in _GREY else kind,
         "CompressedData": str(encoding != "raw"),

@@ -19,7 +19,9 @@ from probewatch.drivers.errors import DeviceLost, RecordingError
 from probewatch.drivers.recordings import REPLAY
 from probewatch.drivers.recordings.advice import POSES_APART, in_url
 from probewatch.drivers.recordings.film import Film
+from probewatch.drivers.recordings.metaimage import MetaImage
 from probewatch.drivers.recordings.sequence import Sequence, read_sequence
+from probewatch.drivers.recordings.unread import fields_unread, turned_note, unread_note
 from probewatch.drivers.samples import Frame, Matrix4, Pose, PoseStatus, Sample, Stamp
 from probewatch.drivers.trackers.plus_transform import TransformReading
 
@@ -38,6 +40,8 @@ _POSE_DISORDER = "pose time does not increase"
 ENDED = "the recording has ended"
 """What is said of a device that has played all of its recording."""
 
+UNORIENTED = "a film does not say how its pictures lie: taken as MF; if they lie otherwise, give --orientation"
+
 _S = TypeVar("_S", Frame, Pose)
 
 
@@ -48,7 +52,7 @@ class Recording:
     tool, reference: names of the transforms that make a pose, reference None where the first is used alone; tool None
     where the session has no poses. witness: of a second body on the probe, in the same frame as tool, None where none
     is named. left_out: reason → number of frames not passed on. poses_left_out: the same of poses, where they have
-    times of their own.
+    times of their own. orientation: as it was named for the pictures, None where it was not.
     """
 
     pictures: Sequence
@@ -60,6 +64,7 @@ class Recording:
     left_out: dict[str, int]
     poses_left_out: dict[str, int] = field(default_factory=dict)
     witness: str | None = None
+    orientation: str | None = None
 
     @property
     def size_px(self) -> tuple[int, int] | None:
@@ -71,6 +76,30 @@ class Recording:
         """What was left out, a line for each reason."""
         each = (("pictures", self.left_out), ("poses", self.poses_left_out))
         return [f"{number} {what} left out: {why}" for what, found in each for why, number in found.items()]
+
+    @property
+    def notes(self) -> list[str]:
+        """How the pictures were turned, or that nothing says how they lie, and what of the files is not read."""
+        return list(filter(None, (self._picture_note, *map(self._unread_note, self._files))))
+
+    @property
+    def _files(self) -> list[Sequence]:
+        return [self.pictures] if self.poses is self.pictures else [self.pictures, self.poses]
+
+    @property
+    def _picture_note(self) -> str:
+        if isinstance(self.pictures, Film) and self.orientation is None:
+            return UNORIENTED
+        if not isinstance(self.pictures, MetaImage) or self.size_px is None:
+            return ""
+        return turned_note(self.pictures.orientation, self.orientation)
+
+    def _unread_note(self, file: Sequence) -> str:
+        if not isinstance(file, MetaImage):
+            return ""
+        names = (self.tool, self.reference, self.witness) if file is self.poses else ()
+        note = unread_note(fields_unread(file.unread, file.frames, filter(None, names)))
+        return f"{file.path.name}: {note}" if note and self.poses is not self.pictures else note
 
     @property
     def start_ns(self) -> int:
@@ -167,6 +196,7 @@ def open_recording(
         left_out={reason: number for reason, number in left_out.items() if number},
         poses_left_out={_POSE_DISORDER: poses_disordered} if poses_disordered and has_own_times else {},
         witness=_witness_name(pose_source, tool, probe or "Probe", witness),
+        orientation=orientation,
     )
 
 

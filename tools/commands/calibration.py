@@ -27,7 +27,7 @@ from probewatch.appliance.storage.calibration_file import (
     refuse_toml,
     write_calibration,
 )
-from probewatch.appliance.storage.device_set import clip_px, remarks
+from probewatch.appliance.storage.device_set import clip_px, not_kept, remarks
 from probewatch.appliance.storage.reference import candidate_from_content, candidate_of_entry
 from probewatch.appliance.storage.reference_dates import dates_of
 from probewatch.appliance.storage.reference_store import FOLDER, Entry, History, content_of, set_aside
@@ -313,7 +313,7 @@ def import_file(file: Path, output: Path, image_size: tuple[int, int] | None, pr
         raise click.UsageError("Missing option '--image-size': the file does not say how large the pictures are")
     size = image_size or (clip or (0, 0, 0, 0))[2:]
     calibration = read_itk(file, size) if is_itk else read_calibration(file, size, probe)
-    for remark in remarks(content, size):
+    for remark in (*remarks(content, size), *not_kept(content)):
         click.secho(remark, err=True, fg="yellow")
     digest = hashlib.sha256(content).hexdigest()
     write_calibration(output, calibration, {"input": str(file.absolute()), "input_sha256": digest})

@@ -212,7 +212,8 @@ def _replayed(
     line = Line(nominal, judged.limits, judged.timeouts.stale_ns)
     report, timeline = run(session, line, schedule, judged, _progress(len(session)), seen)
     damage = one.damage_text if isinstance(one, Series) else ""
-    return Outcome(_path(one), report, timeline, nominal, None, damage)
+    notes = tuple(session.notes) if isinstance(session, Recording) else ()
+    return Outcome(_path(one), report, timeline, nominal, None, damage, notes)
 
 
 def _refuse_late(schedule: Schedule, end_s: float) -> None:

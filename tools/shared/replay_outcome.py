@@ -21,7 +21,7 @@ from probewatch.tools.shared.tables import NOTHING, FittingTable
 @dataclass(frozen=True)
 class Outcome:
     """Holds the result of one recording. `nominal` is the named calibration, None for a black box judged by its own.
-    `damage` describes the file's damage.
+    `damage` describes the file's damage. `notes` says how its pictures were turned, and what of it is not read.
     """
 
     path: Path
@@ -30,6 +30,7 @@ class Outcome:
     nominal: Calibration | None = None
     comparison: Comparison | None = None
     damage: str = ""
+    notes: tuple[str, ...] = ()
 
     def fields(self) -> dict[str, object]:
         """Returns the report's public contract; `black_box` is there for a black box judged by its own calibration."""
@@ -66,15 +67,7 @@ def print_outcome(outcome: Outcome, subject: Subject) -> None:
         click.secho(subject.spoiled, fg="red", bold=True)
     for name, said in subject.rows():
         click.echo(f"{name + ':':<18}{said}")
-    click.echo(f"{outcome.path.name}: {report.frames} frames, {report.poses} poses, {report.paired} paired")
-    if outcome.damage:
-        click.secho(f"  damaged: {outcome.damage}", fg="yellow")
-    if outcome.comparison is not None:
-        click.echo(f"  {outcome.comparison.sentence}")
-    for reason, number in report.unpaired.items():
-        click.echo(f"  {number} not paired: {reason}")
-    for reason, number in report.unusable.items():
-        click.echo(f"  {number} poses cannot be used: {reason}")
+    _print_input(outcome)
     Console(file=sys.stdout, highlight=False).print(_table(report), crop=False)
     click.echo(f"{report.motions} motions of the probe went into the estimate")
     if report.follow is not None and report.follow.gives_way:
@@ -90,6 +83,22 @@ def print_outcome(outcome: Outcome, subject: Subject) -> None:
     fault = f" · {report.verdict.fault}" if report.verdict.fault else ""
     spoiled = f"{subject.spoiled}; " if subject.spoiled else ""
     click.echo(f"{spoiled}verdict: {report.verdict.kind.value}{fault}  {report.verdict.reason}")
+
+
+def _print_input(outcome: Outcome) -> None:
+    """Prints what was read, and what was not."""
+    report = outcome.report
+    click.echo(f"{outcome.path.name}: {report.frames} frames, {report.poses} poses, {report.paired} paired")
+    if outcome.damage:
+        click.secho(f"  damaged: {outcome.damage}", fg="yellow")
+    for note in outcome.notes:
+        click.echo(f"  {note}")
+    if outcome.comparison is not None:
+        click.echo(f"  {outcome.comparison.sentence}")
+    for reason, number in report.unpaired.items():
+        click.echo(f"  {number} not paired: {reason}")
+    for reason, number in report.unusable.items():
+        click.echo(f"  {number} poses cannot be used: {reason}")
 
 
 def _print_states(outcome: Outcome) -> None:

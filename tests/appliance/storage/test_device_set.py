@@ -6,7 +6,7 @@ import pytest
 from click.testing import CliRunner
 
 from probewatch.appliance.storage.calibration_file import read_calibration
-from probewatch.appliance.storage.device_set import clip_px, remarks
+from probewatch.appliance.storage.device_set import clip_px, not_kept, remarks
 from probewatch.tools.commands.calibration import command
 from tests.support.recordings import plus_file
 
@@ -66,6 +66,25 @@ def test_nothing_is_told_of_what_is_not_said(content: bytes) -> None:
 
 def test_the_clip_of_a_segmentation_is_none_of_the_pictures() -> None:
     assert remarks(plus_file("PlusDeviceSet_fCal_Sim_VolumeReconstruction.xml").read_bytes()) == ()
+
+
+@pytest.mark.parametrize("stored", ["MN", "UF", "UN", "una"])
+def test_a_picture_that_plus_turns_is_told_with_the_option_that_turns_it_here(stored: str) -> None:
+    (told,) = remarks(device_set(source=f'PortUsImageOrientation="{stored}"'))
+    assert f"'Grabber' from {stored[:2].upper()} to MF" in told
+    assert f"orientation={stored[:2].upper()} in the URL" in told
+    assert remarks(device_set(source='PortUsImageOrientation="MFA"')) == ()
+
+
+def test_import_tells_in_one_line_what_of_the_transforms_is_not_kept(tmp_path: Path) -> None:
+    file, output = plus_file("PlusDeviceSet_fCal_Sim_VolumeReconstruction.xml"), tmp_path / "probe.toml"
+    done = CliRunner().invoke(command, ["import", str(file), "--image-size", "820", "616", "--output", str(output)])
+    (said,) = done.stderr.splitlines()
+    assert said.startswith("not kept of what the file says: Error 0.571604 and Date 010214_115636 (Image to Probe), ")
+    assert not_kept(device_set()) == not_kept(b"<PlusConfiguration") == ()
+    many = "".join(f'<Transform From="A{n}" To="B" Date="{n}"/>' for n in range(9)).encode()
+    (said,) = not_kept(device_set().replace(b"<Transform", many + b"<Transform"))
+    assert said.endswith("Date 5 (A5 to B), 3 more")
 
 
 def test_import_takes_the_size_that_plus_cuts_out_and_tells_both(tmp_path: Path) -> None:

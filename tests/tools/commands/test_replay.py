@@ -15,10 +15,12 @@ from probewatch.appliance.supervision.timeline import Judging, Timeline
 from probewatch.appliance.types import Fault, State, Verdict, VerdictKind
 from probewatch.drivers.clock.host_clock import HostClock
 from probewatch.drivers.recordings.metaimage_writing import write_metaimage
+from probewatch.drivers.recordings.nrrd import write_nrrd
 from probewatch.drivers.recordings.replay import open_recording
 from probewatch.drivers.samples import Frame, Pose, PoseStatus, Stamp
 from probewatch.drivers.twins.faults import Episode, Schedule
 from probewatch.tools.shared.inject import inject
+from tests.drivers.recordings.test_film import film
 from tests.support.answers import answered
 from tests.support.recordings import PERIOD_NS, REPLAYED_PX, START_NS, items, picture, plus_file
 
@@ -189,6 +191,35 @@ def test_what_is_no_pose_is_no_fault_of_the_tracker_and_its_reason_is_told(
     assert said in err.splitlines()[-1]
     assert "40 poses cannot be used: " in err
     assert "fault" not in err.lower()
+
+
+@pytest.mark.parametrize("suffix", [".igs.mha", ".igs.nrrd"])
+def test_pictures_that_are_turned_and_fields_that_are_not_read_have_a_line_each(calibration, tmp_path, suffix):
+    path, write = tmp_path / f"scan{suffix}", write_metaimage if suffix == ".igs.mha" else write_nrrd
+    write(path, items(40, REPLAYED_PX), REPLAYED_PX, orientation="UNA")
+    assert "not read" not in run(path, "--calibration", calibration)[1]
+    frame = b"Seq_Frame0003_ProbeToTracker"
+    more = b"\nAcquisitionDate=2026-01-02\n%sTransformError=0.5\n%sDate=010214\nSeq_Frame0003_StylusToTrackerTransform"
+    lines = more % (frame, frame) + b"=1\nSeq_Frame0003_StylusToTrackerTransformStatus=OK\n" + frame
+    if suffix == ".igs.nrrd":
+        lines = lines.replace(b"=", b":=")
+    path.write_bytes(path.read_bytes().replace(b"\n" + frame, lines, 1))
+    out = run(path, "--calibration", calibration)[1].splitlines()
+    assert out.count("  pictures turned from UN to MF, by UltrasoundImageOrientation") == 1
+    (unread,) = (line for line in out if "not read of what the file says: " in line)
+    named = ["AcquisitionDate", "ProbeToTrackerTransformError", "ProbeToTrackerDate", "StylusToTrackerTransform"]
+    assert unread.partition(": ")[2].split(", ") == named
+
+
+def test_a_film_that_is_taken_as_mf_says_so_unless_its_orientation_is_named(tmp_path, calibration):
+    table = tmp_path / "poses.csv"
+    rows = [f"{t / 10},{t},0,0,1,0,0,0" for t in range(10)]
+    table.write_text("\n".join(["t_s,x_mm,y_mm,z_mm,qw,qx,qy,qz", *rows]))
+    calibration.write_text(calibration.read_text().replace("[48, 32]", "[64, 48]"))
+    recording = film(tmp_path / "scan.mkv"), "--poses", table, "--calibration", calibration
+    said = "a film does not say how its pictures lie: taken as MF; if they lie otherwise, give --orientation"
+    assert run(*recording)[1].splitlines().count(f"  {said}") == 1
+    assert said not in run(*recording, "--orientation", "MF")[1]
 
 
 def test_a_report_is_made_and_written(session, calibration, tmp_path):

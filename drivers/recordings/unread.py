@@ -1,0 +1,51 @@
+"""What a sequence's file says and nothing here reads, for whoever relies on it."""
+
+from collections.abc import Iterable, Mapping
+
+from probewatch.drivers.printable import printable
+from probewatch.drivers.recordings.keys import IMAGE_STATUS, ORIENTATION
+
+_MOST_NAMES = 8
+"""Fields that are named; more than a line is not read, fewer hide the one that somebody has written himself."""
+_MOST_SHOWN = 40
+"""Characters of a name."""
+_READ = ("Timestamp", "FrameNumber", IMAGE_STATUS)
+"""Fields of a frame that are read of every file."""
+_LAYOUT = """
+objecttype ndims binarydata binarydatabyteordermsb elementbyteordermsb compresseddata compresseddatasize dimsize
+kinds elementtype elementdatafile elementnumberofchannels headersize elementspacing elementsize offset position
+origin transformmatrix rotation orientation centerofrotation anatomicalorientation ultrasoundimageorientation
+ultrasoundimagetype dimension type blocksize encoding endian content datafile lineskip byteskip sizes spacings
+thicknesses axismins axismaxs centers centerings labels units space spacedimension spaceunits spaceorigin
+spacedirections measurementframe customfieldnames customframefieldnames defaultframetransformname
+"""
+"""Fields of a header, of MetaImage and NRRD, that say how the pictures are stored: read, or without a meaning here."""
+
+
+def beside_layout(header: Iterable[str]) -> tuple[str, ...]:
+    """The names of a header's own fields that do not say how its pictures are stored."""
+    layout = frozenset(_LAYOUT.split())
+    plain = {name: name.lower().replace(" ", "").replace("_", "") for name in header}
+    return tuple(name for name, word in plain.items() if word not in layout and not word.startswith(("axis", "itk")))
+
+
+def fields_unread(header: Iterable[str], frames: Iterable[Mapping[str, str]], transforms: Iterable[str]) -> list[str]:
+    """Names of the header's fields, then of those of the frames, that nothing reads. transforms: those that are."""
+    read = {*_READ, *(f"{name}Transform{status}" for name in transforms for status in ("", "Status"))}
+    there = dict.fromkeys(name for frame in frames for name in frame)
+    unread = [name for name in there if name not in read]
+    of_one = {f"{name}Status" for name in unread}  # a transform is told with its status
+    return [*header, *(name for name in unread if name not in of_one)]
+
+
+def unread_note(names: list[str]) -> str:
+    """One line for people; empty where all was read."""
+    more = [f"{len(names) - _MOST_NAMES} more"] if len(names) > _MOST_NAMES else []
+    shown = [printable(name)[:_MOST_SHOWN] for name in names[:_MOST_NAMES]]
+    return f"not read of what the file says: {', '.join([*shown, *more])}" if names else ""
+
+
+def turned_note(stored: str, named: str | None) -> str:
+    """One line on pictures that are turned to MF; empty where they are not. named: what --orientation says."""
+    by = ORIENTATION if named is None else "--orientation"
+    return f"pictures turned from {stored} to MF, by {by}" if stored != "MF" else ""
