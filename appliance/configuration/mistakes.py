@@ -1,6 +1,6 @@
 """What is wrong in a TOML file, mistake by mistake: in which line, which key, its value, its bound, what was meant."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Self, get_args
 
@@ -34,9 +34,7 @@ class Mistakes(ConfigurationError):  # noqa: N818  as people call them
 
     def __init__(self, path: Path, each: Sequence[tuple[int | None, str]], remedy: str) -> None:
         self.path, self.each = path, tuple(each)
-        listed = [f"line {line}: {what}" if line else what for line, what in self.each[:_IN_ONE_LINE]]
-        left = len(self.each) - len(listed)
-        super().__init__("; ".join([*listed, f"and {left} more"] if left else listed), str(path), remedy)
+        super().__init__(self.in_one_line("line {number}", "and {more} more"), str(path), remedy)
 
     @classmethod
     def found(cls, error: ValidationError, model: type[BaseModel], text: str, path: Path, remedy: str) -> Self:
@@ -46,9 +44,17 @@ class Mistakes(ConfigurationError):  # noqa: N818  as people call them
         each = [(line_of(item["loc"], lines), _described(item, model)) for item in items]
         return cls(path, sorted(each, key=lambda one: one[0] or 0), remedy)
 
-    def rows(self) -> list[str]:
-        """A line for each, as compilers write them."""
-        return [f"{self.path}:{line}: {what}" if line else f"{self.path}: {what}" for line, what in self.each]
+    def in_one_line(self, of_line: str, of_rest: str, told: Callable[[str], str] = str) -> str:
+        """The first of them. of_line, of_rest: templates. told: puts each into another language."""
+        first = self.each[:_IN_ONE_LINE]
+        listed = [f"{of_line.format(number=line)}: {told(what)}" if line else told(what) for line, what in first]
+        left = len(self.each) - len(listed)
+        return "; ".join([*listed, of_rest.format(more=left)] if left else listed)
+
+    def rows(self, told: Callable[[str], str] = str) -> list[str]:
+        """A line for each, as compilers write them. told: puts each into another language."""
+        each = ((line, told(what)) for line, what in self.each)
+        return [f"{self.path}:{line}: {what}" if line else f"{self.path}: {what}" for line, what in each]
 
 
 def _without_consequences(items: list[ErrorDetails], model: type[BaseModel]) -> list[ErrorDetails]:

@@ -21,10 +21,10 @@ from probewatch.appliance.storage.reference import candidate_from_content, size_
 from probewatch.appliance.storage.reference_dates import stated_dates
 from probewatch.drivers.errors import ConfigurationError
 from probewatch.drivers.registry import check_options
-from probewatch.tools.german.translation import recognised, told
+from probewatch.tools.german.translation import mistake_text, recognised, tell_refused, told
 from probewatch.tools.shared.limits_in_force import remarks as remarks_on_limits
 from probewatch.tools.shared.limits_in_force import rows as limit_rows
-from probewatch.tools.shared.named_cart import file_argument
+from probewatch.tools.shared.named_cart import cart_language, file_argument
 from probewatch.tools.shared.unit_sight import unseen_mistakes
 
 _ANY_SIZE_PX = (640, 480)
@@ -49,12 +49,13 @@ def command(file: Path) -> None:
     Exit code 0: the service would start with it. 78: it would not.
     """
     text = configuration_text(file)
-    mistakes = mistakes_in(text, file)
+    mistakes = mistakes_in(text, file, cart_language())
     for mistake in mistakes:
         click.echo(mistake, err=True)
     if mistakes:
         if not _is_adapted(file):
-            click.echo(f"{file} is not configured yet: probewatch configure {file}", err=True)
+            unadapted = "{file} is not configured yet: probewatch configure {file}"
+            click.echo(told(unadapted, cart_language(), file=file), err=True)
         sys.exit(ConfigurationError.exit_code)
     config = config_of(text, file)
     named, language = config.calibration.file, config.alarm.language
@@ -93,24 +94,28 @@ def calibration_remarks(text: str, file: Path) -> tuple[str, ...]:
     return () if place.file is None else remarks(calibration_bytes(place.file), place.image_size_px)
 
 
-def mistakes_in(text: str, file: Path) -> list[str]:
-    """Returns every mistake in a configuration and in the calibration it names, one per line.
+def mistakes_in(text: str, file: Path, language: str = "en") -> list[str]:
+    """Returns every mistake in a configuration and in the calibration it names, one per line, in the language.
 
     `file` is its present or future path.
     """
     try:
         config = config_of(text, file)
     except ConfigurationError as error:
-        return rows(error)
-    return [*_options(config, file), *unseen_mistakes(config, file), *calibration_mistakes(config.calibration)]
+        return rows(error, language)
+    own = (*_options(config, file, language), *unseen_mistakes(config, file))
+    return [*own, *calibration_mistakes(config.calibration, language)]
 
 
-def rows(error: ConfigurationError) -> list[str]:
-    """Returns every mistake, one per line."""
-    return error.rows() if isinstance(error, Mistakes) else [str(error)]
+def rows(error: ConfigurationError, language: str) -> list[str]:
+    """Returns every mistake, one per line, in the language."""
+    if isinstance(error, Mistakes):
+        return error.rows(lambda what: mistake_text(what, language))
+    tell_refused(error, language)
+    return [str(error)]
 
 
-def _options(config: Config, file: Path) -> Iterator[str]:
+def _options(config: Config, file: Path, language: str) -> Iterator[str]:
     """Yields the mistakes in the options of the URLs."""
     named = [("[video]", config.video.url, "video"), ("[tracker]", config.tracker.url, "tracker")]
     named += [(f"[output] entry {number}", output.url, "output") for number, output in enumerate(config.output, 1)]
@@ -118,12 +123,13 @@ def _options(config: Config, file: Path) -> Iterator[str]:
         try:
             check_options(url, kind)
         except ConfigurationError as error:
+            tell_refused(error, language)
             yield f"{file}: {section} url = '{url}': {error.advice}"
 
 
-def calibration_mistakes(place: CalibrationPlace) -> list[str]:
-    """Returns why the named file cannot be the reference, one reason per line; empty where it can, or where none is
-    named.
+def calibration_mistakes(place: CalibrationPlace, language: str) -> list[str]:
+    """Returns why the named file cannot be the reference, one reason per line, in the language; empty where it can, or
+    where none is named.
     """
     if place.file is None:
         return []
@@ -132,5 +138,5 @@ def calibration_mistakes(place: CalibrationPlace) -> list[str]:
         # For a device set the first picture may determine the size; any size stands for it while nothing is started.
         candidate_from_content(content, str(place.file), size_for(content, place, _ANY_SIZE_PX), place.probe)
     except ConfigurationError as error:
-        return rows(error)
+        return rows(error, language)
     return []

@@ -27,7 +27,7 @@ from probewatch.tools.shared.device_question import DeviceQuestion, Respondent, 
 from probewatch.tools.shared.driver_text import real_drivers
 from probewatch.tools.shared.interruption import stopped_saying
 from probewatch.tools.shared.limits_in_force import remarks as remarks_on_limits
-from probewatch.tools.shared.named_cart import file_argument
+from probewatch.tools.shared.named_cart import cart_language, file_argument, speak
 from probewatch.tools.shared.unit_sight import is_of_the_unit
 
 _TRIAL_S = 2.0
@@ -88,6 +88,8 @@ def command(
     fresh: bool,
     yes: bool,
 ) -> None:
+    if language is not None:
+        speak(language)
     if without and calibration is not None:
         raise click.UsageError("--calibration names one; leave --no-calibration out")
     _refuse_unwritable(file)
@@ -143,7 +145,7 @@ def _known(text: str, file: Path) -> Config:
     try:
         return config_of(text, file)
     except ConfigurationError as error:
-        for row in rows(error):
+        for row in rows(error, cart_language()):
             click.echo(row, err=True)
         remedy = "Correct it in an editor (see: probewatch check), or start over with --fresh"
         raise ConfigurationError("is invalid and was not changed", str(file), remedy) from None
@@ -222,7 +224,7 @@ def _mistakes_of(file: Path, place: CalibrationPlace, person: Respondent) -> lis
     """Returns why the file cannot be the reference, one reason per line."""
     if misplaced := person.misplaced(file):
         return [f"{file}: {misplaced}"]
-    return calibration_mistakes(place.model_copy(update={"file": file}))
+    return calibration_mistakes(place.model_copy(update={"file": file}), person.language)
 
 
 def _refuse_calibration(place: CalibrationPlace, file: Path, person: Respondent) -> None:
@@ -282,7 +284,7 @@ def _language(known: Config, person: Respondent) -> str:
 def _checked(base: str, answers: Answers, file: Path, language: str) -> str:
     """Returns the new text. Raises ConfigurationError where it is not valid."""
     new = changed(base, answers, file)
-    mistakes = mistakes_in(new, file)
+    mistakes = mistakes_in(new, file, language)
     for mistake in mistakes:
         click.echo(mistake, err=True)
     if mistakes:

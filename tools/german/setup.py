@@ -6,6 +6,9 @@ GERMAN_OF_SETUP = {
     # check
     "{file} can be used; it names no calibration": "{file} ist brauchbar; sie nennt keine Kalibrierung",
     "{file} and {named} can be used": "{file} und {named} sind brauchbar",
+    "{file} is not configured yet: probewatch configure {file}": (
+        "{file} ist noch nicht eingerichtet: probewatch configure {file}"
+    ),
     "but the service waits until it says configured = true": (
         "aber der Dienst wartet, bis darin configured = true steht"
     ),

@@ -16,9 +16,11 @@ from pathlib import Path
 
 import click
 
+from probewatch.appliance.configuration.mistakes import Mistakes
 from probewatch.appliance.supervision.languages import GERMAN, Texts
 from probewatch.drivers.errors import ProbewatchError
 from probewatch.tools.german.calibrations import GERMAN_OF_CALIBRATIONS
+from probewatch.tools.german.configuration import refusal_text
 from probewatch.tools.german.devices import GERMAN_OF_MENDING
 from probewatch.tools.german.errors import GERMAN_OF_ERRORS
 from probewatch.tools.german.questions import GERMAN_OF_QUESTIONS
@@ -76,7 +78,8 @@ def refusing_in(language: str) -> Iterator[None]:
 
 def tell_refused(error: ProbewatchError, language: str) -> None:
     """Translates the error to the language, whole or not at all."""
-    said = [_error_text(text, language) for text in (error.what, error.remedy)]
+    what = _mistakes_text(error, language) if isinstance(error, Mistakes) else _error_text(error.what, language)
+    said = [what, _error_text(error.remedy, language)]
     if language != "en" and None not in said:
         error.what, error.remedy = (text or "" for text in said)
         if error.where.startswith("reference "):  # any other place is a name
@@ -108,8 +111,23 @@ def damage_text(text: str, language: str) -> str:
 
 def _error_text(text: str, language: str) -> str | None:
     """Returns one of the two texts of an error in the language; None where it has no translation."""
-    said = text if not text or language == "en" else _errors().translated(text)
-    return None if text and said == text else said
+    if not text or language == "en":
+        return None if text else text
+    said = _errors().translated(text)
+    return refusal_text(text) if said == text else said
+
+
+def _mistakes_text(error: Mistakes, language: str) -> str | None:
+    """Returns all mistakes in one line in the language; None where one of them has no translation."""
+    if language == "en" or any(refusal_text(what) is None for _, what in error.each):
+        return None
+    of_line, of_rest = (_ALL[text] for text in ("line {number}", "and {more} more"))
+    return error.in_one_line(of_line, of_rest, lambda what: mistake_text(what, language))
+
+
+def mistake_text(what: str, language: str) -> str:
+    """Returns a mistake of a configuration in the language; the whole in English where it has no translation."""
+    return what if language == "en" else refusal_text(what) or what
 
 
 @cache

@@ -3,6 +3,7 @@ sockets and folders are derived from its configuration; options that name one of
 """
 
 import os
+import re
 from collections.abc import Callable
 from functools import wraps
 from pathlib import Path
@@ -22,6 +23,9 @@ SOCKET, LOG = UNIT_SOCKET, Path("/var/lib/probewatch")
 ENVIRONMENT = "PROBEWATCH_CONFIG"
 NAMED = "probewatch.named_cart"
 """Key in the context's meta for the configuration that was named; its value is None where none was."""
+_CHOSEN = "probewatch.language"
+"""Key for the language in which the command refuses, where its configuration is not that of the cart."""
+_LANGUAGE = re.compile(rb'^[ \t]*(?:alarm\.)?language[ \t]*=[ \t]*"([a-z]{2})"', re.MULTILINE)
 _MOST_BYTES = 1_000_000
 """Bytes of a configuration at most; a usual one has some kB."""
 
@@ -83,6 +87,7 @@ def required_config(told: str) -> Callable[[_Command], _Command]:
         envvar=ENVIRONMENT,
         show_envvar=True,
         type=click.Path(dir_okay=False, path_type=Path),
+        callback=_remember,
         help=told,
     )
 
@@ -106,16 +111,32 @@ def cart_says(section: str, key: str) -> Path | None:
 
 
 def cart_language() -> str:
-    """Returns the language of the command's cart by its configuration, English where that states none."""
+    """Returns the language that was chosen, else that of the command's cart by its configuration, English where that
+    states none.
+    """
+    if (chosen := click.get_current_context().meta.get(_CHOSEN)) is not None:
+        return str(chosen)
     return language_in(click.get_current_context().meta.get(NAMED) or Path(os.environ.get(ENVIRONMENT) or CONFIG))
 
 
+def speak(language: str) -> None:
+    """Chooses the language in which the command refuses from now on."""
+    click.get_current_context().meta[_CHOSEN] = language
+
+
 def language_in(file: Path) -> str:
-    """Returns the language of the cart by that configuration, English where that states none."""
+    """Returns the language of the cart by that configuration, English where that states none. A line with it is
+    enough, also where another one is wrong.
+    """
     try:
-        said = toml_of(read_bounded(file, _MOST_BYTES), _MOST_BYTES).get("alarm", {}).get("language")
-    except (OSError, ValueError, AttributeError):
+        content = read_bounded(file, _MOST_BYTES)
+    except OSError:
         return "en"  # the code that needs the file reports what is wrong with it
+    try:
+        said = toml_of(content, _MOST_BYTES).get("alarm", {}).get("language")
+    except (ValueError, AttributeError):
+        line = _LANGUAGE.search(content)
+        said = line and line[1].decode()
     return said if isinstance(said, str) and said in LANGUAGES else "en"
 
 
@@ -157,6 +178,8 @@ def _remember(context: click.Context, _: click.Parameter, value: Path | None) ->
 
 
 def _file(context: click.Context, _: click.Parameter, value: Path | None) -> Path:
+    if value is not None and value.exists():
+        context.meta[_CHOSEN] = language_in(value)
     return value or context.meta.get(NAMED) or CONFIG
 
 
