@@ -103,7 +103,7 @@ def mistakes_in(text: str, file: Path, language: str = "en") -> list[str]:
         config = config_of(text, file)
     except ConfigurationError as error:
         return rows(error, language)
-    own = (*_options(config, file, language), *unseen_mistakes(config, file))
+    own = (*_options(config, file, language), *unseen_mistakes(config, file, language))
     return [*own, *calibration_mistakes(config.calibration, language)]
 
 

@@ -127,6 +127,13 @@ GERMAN_OF_CONFIGURING = {
     "{quoted} is not a lamp": "{quoted} ist keine Lampe",
     "has a layout that cannot be edited line by line": "ist so geschrieben, dass man sie nicht zeilenweise ändern kann",
     "Start over with --fresh, or change it in an editor": "Mit --fresh neu beginnen, oder in einem Editor ändern",
+    "the service cannot see it: its unit is shown nothing of {file}. Copy it to /etc/probewatch, and name it there": (
+        "der Dienst sieht sie nicht: seine Unit bekommt nichts von {file} zu sehen. Sie nach /etc/probewatch kopieren, "
+        "und dort nennen"
+    ),
+    "{file} is a path from this folder, and the service starts in another": (
+        "{file} ist ein Pfad von diesem Ordner aus, und der Dienst startet in einem anderen"
+    ),
     "nothing was written": "nichts wurde geschrieben",
     "Name another file, or give --no-calibration": "Eine andere Datei nennen, oder --no-calibration angeben",
     "Change your answers, or start over with --fresh": "Die Antworten ändern, oder mit --fresh neu beginnen",
@@ -142,8 +149,10 @@ GERMAN_OF_CONFIGURING = {
         "ist der Name von {kind}, geschrieben wird dort eine Konfiguration, TOML"
     ),
     "Name it {file}": "Sie {file} nennen",
+    "is not HOST:PORT": "ist nicht HOST:PORT",
+    "Such as {list}": "Wie {list}",
 }
-"""Of `configure` and `check`: what is wrong, and what to do."""
+"""Of `configure`, `check` and addresses that other commands are given: what is wrong, and what to do."""
 
 _WORDS = {
     "a tracker": "ein Tracker",

@@ -80,6 +80,11 @@ GERMAN_OF_ERRORS = {
     "cannot be read: {said}": "nicht lesbar: {said}",
     "Check the name and the permissions": _NAMES,
     "Check the path and its permissions": _NAMES,
+    "Check its name and its folder": "Namen und Ordner prüfen",
+    "exists already": "gibt es schon",
+    "Give another name, or move it away": "Einen anderen Namen angeben, oder sie wegräumen",
+    "no recorder answers ({said})": "kein Rekorder antwortet ({said})",
+    "Start it: probewatch record --config {text}": "Ihn starten: probewatch record --config {text}",
     "Check name and permissions. Give a .toml or a PLUS .xml file": (
         f"{_NAMES}. Eine .toml oder eine .xml von PLUS angeben"
     ),

@@ -50,11 +50,14 @@ class FreeTexts:
 
     def _told(self, fields: Mapping[str, str]) -> dict[str, str] | None:
         """Returns the fields in the language; None where one has to be a text of the table and is not."""
-        said = {name: self.translated(text) if name in _TEXTS else self._word(text) for name, text in fields.items()}
+        said = {
+            name: self.translated(text) if name in _TEXTS else self._word(name, text) for name, text in fields.items()
+        }
         known = {name: text for name, text in said.items() if text is not None}
         for name in _NAMES & known.keys():
             known[name] = known[name].replace(" or ", " oder ")
         return known if len(known) == len(fields) else None
 
-    def _word(self, text: str) -> str:
-        return self._words.get(text, text)
+    def _word(self, name: str, text: str) -> str:
+        """Returns a word of this program in the language; what a person has typed in a list of names stays."""
+        return text if name == "names" else self._words.get(text, text)

@@ -24,6 +24,7 @@ GERMAN_OF_USAGE = {
     "Got unexpected extra arguments ({names})": "Unerwartete Argumente ({names})",
     "Option {name} requires an argument.": "Die Option {name} braucht einen Wert.",
     "Option {name} requires an argument: one of {names}": "Die Option {name} braucht einen Wert: {names}",
+    "Option {name} requires {number} arguments.": "Die Option {name} braucht {number} Werte.",
     "Option {name} does not take a value.": "Die Option {name} nimmt keinen Wert.",
     "Option {name} needs a value, and {other} is an option. As its text: {example}": (
         "Die Option {name} braucht einen Wert, und {other} ist eine Option. Als ihr Text: {example}"
@@ -39,6 +40,10 @@ GERMAN_OF_USAGE = {
     "{value} is not in the range {range}.": "{value} liegt nicht im Bereich {range}.",
     "{value} is not known. Did you mean {meant}?": "{value} ist nicht bekannt. Gemeint {meant}?",
     "{value} is not known. Use one of {names}.": "{value} ist nicht bekannt. Möglich: {names}.",
+    "{value} is not a known fault. Use {names}": "{value} ist kein bekannter Fehler. Möglich: {names}",
+    "{value} is not a known fault. Did you mean {meant}? Use {names}": (
+        "{value} ist kein bekannter Fehler. Gemeint {meant}? Möglich: {names}"
+    ),
     "{value} is not a day of the calendar, written as {example}": (
         "{value} ist kein Tag des Kalenders, geschrieben wie {example}"
     ),
@@ -86,6 +91,48 @@ GERMAN_OF_USAGE = {
     ),
     "give the scan: --live, or either --recording FILE or --simulated": (
         "den Scan angeben: --live, oder --recording DATEI, oder --simulated"
+    ),
+    "give the calibration in force: --calibration FILE, or --config FILE of the service": (
+        "die Kalibrierung in Kraft angeben: --calibration DATEI, oder --config DATEI des Dienstes"
+    ),
+    "{name} goes with --solve all": "{name} gehört zu --solve all",
+    "--strike {number}: the scan has views 1 to {most}": "--strike {number}: der Scan hat die Ansichten 1 bis {most}",
+    # recordings
+    "{value} is not a time in seconds after the start of the recording": (
+        "{value} ist keine Zeit in Sekunden nach dem Anfang der Aufzeichnung"
+    ),
+    "{value} needs a time in seconds, such as {example}": "{value} braucht eine Zeit in Sekunden, wie {example}",
+    "--pdf prints the page of --html": "--pdf druckt die Seite von --html",
+    "--estimate needs --calibration": "--estimate braucht --calibration",
+    "--inject needs --calibration": "--inject braucht --calibration",
+    "--inject {value} begins after the recording, which ends at {seconds} s": (
+        "--inject {value} beginnt nach der Aufzeichnung, die bei {seconds} s endet"
+    ),
+    "Missing option '--calibration': only a black box brings its own": (
+        "Die Option '--calibration' fehlt: nur eine Blackbox bringt ihre eigene mit"
+    ),
+    "{name} is for sequences and films: a black box holds the pose that the cart used": (
+        "{name} ist für Sequenzen und Filme: eine Blackbox enthält die Pose, die der Wagen verwendet hat"
+    ),
+    "{name} is for sequences: a black box holds the pose that the cart used": (
+        "{name} ist für Sequenzen: eine Blackbox enthält die Pose, die der Wagen verwendet hat"
+    ),
+    "{name} is for one recording, these are several": "{name} ist für eine Aufzeichnung, dies sind mehrere",
+    "{file} is not a recording; --json prints the report: --json > {other}": (
+        "{file} ist keine Aufzeichnung; --json gibt den Bericht aus: --json > {other}"
+    ),
+    "--output {name} does not end in {ending}": "--output {name} endet nicht auf {ending}",
+    # programs beside the service
+    "--once prints and ends, and writes no --textfile. Leave one of them out": (
+        "--once gibt aus und endet, und schreibt keine --textfile. Eines von beiden weglassen"
+    ),
+    "--no-http needs --textfile": "--no-http braucht --textfile",
+    "must not be empty": "darf nicht leer sein",
+    "may have letters, digits, - and _": "darf Buchstaben, Ziffern, - und _ haben",
+    "a device name has 1 to {most} signs of ASCII": "ein Gerätename hat 1 bis {most} Zeichen aus ASCII",
+    "{value} is taken: so are {names}": "{value} ist vergeben, wie {names}",
+    "--image and --pose are both {value}: give each a name of its own": (
+        "--image und --pose sind beide {value}: jedem einen eigenen Namen geben"
     ),
     "with --signed-by no questions are asked: give --probe and --preset, too": (
         "mit --signed-by wird nichts gefragt: auch --probe und --preset angeben"

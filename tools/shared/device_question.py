@@ -13,7 +13,7 @@ import click
 from probewatch.drivers.descriptor import Option
 from probewatch.drivers.errors import ConfigurationError, ProbewatchError
 from probewatch.drivers.registry import check_options, drivers, split_url
-from probewatch.tools.german.translation import confirmed, recognised, tell_refused, told
+from probewatch.tools.german.translation import confirmed, mistake_text, recognised, tell_refused, told
 from probewatch.tools.shared.driver_text import examples
 from probewatch.tools.shared.unit_sight import relative, unseen
 
@@ -45,7 +45,7 @@ class Respondent:
 
     def misplaced(self, file: Path) -> str:
         """Returns why the service cannot read a file that the person names; empty where it can."""
-        return unseen(file) if self.sees_less else ""
+        return mistake_text(unseen(file), self.language) if self.sees_less else ""
 
     def agrees(self, question: str, default: bool, option: str) -> bool:
         """Asks for confirmation, and returns whether it was given. Raises ConfigurationError without a terminal."""

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from probewatch.appliance.configuration.config import Config
 from probewatch.drivers.registry import split_url
+from probewatch.tools.german.translation import mistake_text
 from probewatch.tools.shared.named_cart import CONFIG
 
 _HIDDEN = ("/home", "/root", "/run/user", "/tmp", "/var/tmp")
@@ -29,8 +30,10 @@ def is_of_the_unit(configuration: Path) -> bool:
     return configuration.absolute() == CONFIG
 
 
-def unseen_mistakes(config: Config, file: Path) -> Iterator[str]:
-    """Yields the mistakes in the files that a configuration names, one per line. `file` is its path."""
+def unseen_mistakes(config: Config, file: Path, language: str) -> Iterator[str]:
+    """Yields the mistakes in the files that a configuration names, one per line, in the language. `file` is its
+    path.
+    """
     if not is_of_the_unit(file):
         return
     named = [("[calibration] file", config.calibration.file), ("[noise] file", config.noise.file)]
@@ -39,10 +42,10 @@ def unseen_mistakes(config: Config, file: Path) -> Iterator[str]:
     named += [(where, path) for where, url in urls for path in _paths(url)]
     for where, url in urls:
         for why in relative(url):
-            yield f"{file}: {where}: {why}"
+            yield f"{file}: {where}: {mistake_text(why, language)}"
     for where, path in named:
         if path is not None and (why := unseen(path)):
-            yield f"{file}: {where}: {path}: {why}"
+            yield f"{file}: {where}: {path}: {mistake_text(why, language)}"
 
 
 def relative(url: str) -> Iterator[str]:

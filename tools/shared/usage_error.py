@@ -11,6 +11,9 @@ from probewatch.tools.german.usage import usage_text
 from probewatch.tools.shared.bare_option import with_what_it_takes
 from probewatch.tools.shared.named_cart import CONFIG, ENVIRONMENT, language_in
 
+_WITH_FILE = ("check", "configure")
+"""Commands whose argument is a configuration."""
+
 
 def show_usage_error(error: click.ClickException, group: click.Group, words: Sequence[str]) -> None:
     """Prints the error on standard error, all of it in English where a part of it has no German translation. words:
@@ -34,6 +37,8 @@ def show_usage_error(error: click.ClickException, group: click.Group, words: Seq
 
 def _named(words: Sequence[str]) -> Path:
     """Returns the configuration of the cart that the words mean, though none of them was parsed."""
-    typed = [following for word, following in pairwise(words) if word == "--config"]
+    after = [*pairwise(words)] if words[:1] and words[0] in _WITH_FILE else []
+    typed = [word for before, word in after if word.endswith(".toml") and not before.startswith("--")]
+    typed += [following for word, following in pairwise(words) if word == "--config"]
     typed += [word.removeprefix("--config=") for word in words if word.startswith("--config=")]
     return Path(typed[-1] if typed else os.environ.get(ENVIRONMENT) or CONFIG)

@@ -6,12 +6,14 @@ from pathlib import Path
 
 import pytest
 
+from probewatch.tools.commands.check import mistakes_in
 from probewatch.tools.german.configuration import (
     GERMAN_OF_CONFIGURING,
     GERMAN_OF_MISTAKES,
     GERMAN_OF_URLS,
     refusal_text,
 )
+from probewatch.tools.shared.named_cart import CONFIG
 from tests.support.answers import answered
 from tests.tools.german.test_errors import sources
 
@@ -126,6 +128,20 @@ def test_another_command_tells_it_in_one_line_and_so_does_what_the_service_has_l
     assert left.endswith(f"jeden Schlüssel; dann probewatch run --config {cart}\n")
     changed(cart, 'language = "de"', 'language = "de" x')
     assert "ist kein gültiges TOML" in answered("run", "--config", cart).stderr
+
+
+def test_so_is_what_the_unit_cannot_see(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (told,) = mistakes_in(GOOD.replace("ttyUSB0", "ttyUSB0?probe=/root/a.rom@1"), CONFIG, "de")[1:]
+    assert told.endswith(
+        "/root/a.rom: der Dienst sieht sie nicht: seine Unit bekommt nichts von /root zu sehen. Sie nach "
+        "/etc/probewatch kopieren, und dort nennen"
+    )
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "a.rom").touch()
+    refused = answered(
+        "configure", tmp_path / "new.toml", "--language", "de", "--tracker", "ndi:/dev/ttyUSB0?log=a.rom"
+    )
+    assert "a.rom ist ein Pfad von diesem Ordner aus, und der Dienst startet in einem anderen. " in refused.stderr
 
 
 @pytest.mark.parametrize(

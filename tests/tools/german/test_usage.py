@@ -9,7 +9,13 @@ import click
 from probewatch.tools.german.usage import GERMAN_OF_USAGE, usage_text
 
 TOOLS = Path(__file__).parents[3] / "tools"
-FOLDERS = (TOOLS / "commands", TOOLS / "shared", TOOLS / "recalibration", Path(click.__file__).parent)
+FOLDERS = (
+    TOOLS / "commands",
+    TOOLS / "shared",
+    TOOLS / "recalibration",
+    TOOLS.parent / "drivers/twins",
+    Path(click.__file__).parent,
+)
 
 
 def sources() -> Iterator[str]:
@@ -28,7 +34,7 @@ def test_nothing_is_translated_that_nobody_says() -> None:
     said = " ".join(re.sub(r'"\s*\n?\s*f?"', "", source) for source in sources()).replace("Choose from:\\n", "")
     for english in GERMAN_OF_USAGE:
         bare = re.sub(r"^(?:File|Directory|Path) |(?<=a valid )[a-z ]+\.$", "", english)
-        split = re.split(r"{\w+}(?: is not )?|[:,;]|\. ", bare)
+        split = re.split(r"{\w+}(?: is not )?|[:,;?]|\. |(?= Use )", bare)
         pieces = [one.strip(" .?()") for one in split if re.search("[a-z]{3}", one)]
         assert all(piece in said for piece in pieces), english
 

@@ -36,6 +36,20 @@ def cart(tmp_path: Path) -> Path:
         (("pause", "9h"), "'9h' ist keine Zeit für eine Pause: 1 bis 120 Sekunden, wie 30 oder 1m. Länger: --off"),
         (("pause", "--on", "--off", "x"), "--on und --off schließen einander aus"),
         (("pause", "--off", "--on"), "Die Option '--off' braucht einen Wert, und '--on' ist eine Option. Als ihr"),
+        (("report", "day"), "Unerwartetes Argument (day)"),
+        (("configure", "--profile", "x"), "Ungültiger Wert für '--profile': 'x' ist keines von 'coarse', "),
+        (("demo", "--fault", "xx"), "Ungültiger Wert für '--fault': 'xx' ist kein bekannter Fehler. Möglich: bend-"),
+        (
+            ("demo", "--fault", "flip"),
+            "'flip' ist kein bekannter Fehler. Gemeint 'flip-lateral' oder 'flip-vertical'? ",
+        ),
+        (("export", "x.mcap", "--to", "mp4", "--output", "a.avi"), "--output a.avi endet nicht auf .mp4"),
+        (("metrics", "--no-http"), "--no-http braucht --textfile"),
+        (("mqtt", "--broker", "x", "--cart", ""), "Ungültiger Wert für '--cart': darf nicht leer sein"),
+        (
+            ("calibration", "import", "x", "--output", "y.toml", "--image-size", "4"),
+            "Die Option '--image-size' braucht 2 Werte.",
+        ),
         (("log", "--state", "hlt"), "Ungültiger Wert für '--state': 'hlt' ist nicht bekannt. Gemeint 'halt'?"),
     ],
 )
@@ -53,15 +67,32 @@ def test_a_refused_command_line_is_told_in_german(
     assert " or " not in error
 
 
+def test_what_is_refused_of_a_recording_is_german(
+    cart: Path, session: Path, calibration: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(named_cart.ENVIRONMENT, str(cart))
+    judged = ("--calibration", calibration)
+    for words, said in (
+        ((session,), "Die Option '--calibration' fehlt: nur eine Blackbox bringt ihre eigene mit"),
+        ((session, *judged, "--inject", "depth@99"), "--inject depth@99 beginnt nach der Aufzeichnung, die bei 3.1 s"),
+        ((session, *judged, "--inject", "depth@x"), "'x' ist keine Zeit in Sekunden nach dem Anfang der Aufzeichnung"),
+        ((session, *judged, "--pdf", "a.pdf"), "--pdf druckt die Seite von --html"),
+        ((session, "r.json", *judged), "'r.json' ist keine Aufzeichnung; --json gibt den Bericht aus: --json > r.json"),
+        (("x.mha", *judged), "nicht lesbar: keine solche Datei. Namen und Ordner prüfen"),
+    ):
+        assert said in answered("replay", *words).stderr
+
+
 def test_the_cart_is_that_of_the_words(cart: Path, tmp_path: Path) -> None:
     for words in (("--config", cart), (f"--config={cart}",)):
         assert "Fehler: Die Option '--x' gibt es nicht." in answered("status", *words, "--x").stderr
+    assert "Fehler: Die Option '--x' gibt es nicht." in answered("configure", cart, "--x").stderr
     assert "Error: No such option '--x'." in answered("status", "--config", tmp_path / "none", "--x").stderr
 
 
 def test_what_has_no_german_is_english_whole(cart: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(named_cart.ENVIRONMENT, str(cart))
-    shown = answered("metrics", "--no-http").stderr
+    shown = answered("fleet", "--job", "a b").stderr
     assert shown.startswith("Usage: ")
-    assert "Error: --no-http needs --textfile" in shown
+    assert "Error: Invalid value for '--job': is not a job name" in shown
     assert "Commands" in answered().stdout + answered().stderr
