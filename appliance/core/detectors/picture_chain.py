@@ -127,7 +127,7 @@ class PictureChain(Detector):
         self._magnification = Magnification(self._aspect)
         self._double_exposure = DoubleExposure()
         self._dissolving = DissolvedPicture(reference, limits, self._link)
-        self._resting = RestingPicture(reference, self._aspect, self._rotation_limit_rad, self._link)
+        self._resting = RestingPicture(reference, self._aspect, self._rotation_limit_rad, self._least, self._link)
         self._followed = self._searches = self._covered = 0
         self._likenesses: deque[float] = deque(maxlen=_CALM_FRAMES)
         self._newest, self._fell = 1.0, 0.0

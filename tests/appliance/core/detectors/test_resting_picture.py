@@ -45,7 +45,11 @@ def zoomed(across: float, down: float) -> GreyImage:
 
 
 def faded(share: float) -> GreyImage:
-    return np.asarray(cv2.addWeighted(tissue(), 1 - share, cv2.flip(tissue(), 1), share, 0), np.uint8)
+    return faded_into(cv2.flip(tissue(), 1), share)
+
+
+def faded_into(other: GreyImage, share: float) -> GreyImage:
+    return np.asarray(cv2.addWeighted(tissue(), 1 - share, other, share, 0), np.uint8)
 
 
 def wiped(share: float) -> GreyImage:
@@ -60,7 +64,7 @@ def watched(pictures: Iterable[GreyImage], poses: Iterable[Matrix4] | None = Non
         found = link_between(first.small, view.small, np.zeros(2), np.full(2, 20.0))
         return carried(first.small, (np.zeros(2) if found is None else found.moved_px, 0.0), 1.0), found
 
-    resting = RestingPicture(REFERENCE, 1.0, np.deg2rad(3.0), link)
+    resting = RestingPicture(REFERENCE, 1.0, np.deg2rad(3.0), 0.035, link)
     shown = [*[tissue()] * CALM, *pictures]
     where = [AT_REST] * len(shown) if poses is None else [*[AT_REST] * CALM, *poses]
     views = (View(k * FRAME_NS, small(image), pose) for k, (image, pose) in enumerate(zip(shown, where, strict=True)))
@@ -108,6 +112,19 @@ def test_a_stretch_along_one_axis_that_stays_is_no_breath() -> None:
     told = watched(zoomed(1.0, 1.08 ** min(k / 20, 1.0)) for k in range(TEN_S + 20))
     assert told[first(told)] == PictureChange()
     assert first(told) >= 80
+
+
+@pytest.mark.parametrize(("across", "down"), [(1.0, 1.055), (1.0, 0.945), (1.055, 1.0), (0.945, 1.0)])
+@pytest.mark.parametrize("lasting", [2, 3])
+def test_a_fade_into_a_small_stretch_is_told_within_a_second(across: float, down: float, lasting: int) -> None:
+    """It was after 8 s, or, where the hand's tremor pressed now and then, never."""
+    shares = [min(k / lasting, 1.0) for k in range(1, 30)]
+    tremor = [0.15 * np.sin(k) for k in range(1, 30)]
+    poses = [np.asarray(rigid(np.eye(3), np.array([0.0, way, 0.0]))) for way in tremor]
+    told = watched((faded_into(zoomed(across, down), share) for share in shares), poses)
+    assert first(told) is not None
+    assert first(told) <= lasting + 10
+    assert told[first(told)] == PictureChange()
 
 
 def test_a_stretch_that_comes_and_goes_with_the_breath_is_tissue() -> None:
