@@ -99,7 +99,7 @@ def test_a_new_reference_outlives_a_restart_and_can_be_gone_back_from(
     assert "moved by 1.00 mm" in used.stdout
     new.unlink()
     after = restarted(monitoring)["reference"]
-    assert (after["number"], after["origin"]) == (first["number"] + 1, "recalibration")
+    assert (after["number"], after["origin"]) == (first["number"] + 1, "file")
     asked = calibration(monitoring, "back", first["number"])
     assert (asked.returncode, asked.stderr.count("\n")) == (75, 1)
     assert "needs a person to accept it" in asked.stderr
