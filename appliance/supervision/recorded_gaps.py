@@ -1,4 +1,4 @@
-"""What a recording lacks, where a live cart would say that a device is silent. Pure."""
+"""States what a recording lacks, where a live cart would report that a device is silent. Pure."""
 
 from bisect import bisect_left
 from collections.abc import Collection, Sequence
@@ -18,25 +18,25 @@ _REMEDY = "record again, or cut it there"
 
 @dataclass(frozen=True, slots=True)
 class _Gap:
-    """A time without a sample of one device, ns of the recording's clock."""
+    """Represents a time without a sample of one device, ns of the recording's clock."""
 
     from_ns: int
     until_ns: int
 
     def is_shared(self, others: Sequence["_Gap"]) -> bool:
-        """Whether the other device lacks something for most of it as well."""
+        """Returns whether the other device lacks samples for most of it as well."""
         shared_ns = sum(min(self.until_ns, one.until_ns) - max(self.from_ns, one.from_ns) for one in others)
         return 2 * shared_ns > self.until_ns - self.from_ns
 
 
 def _between(gaps: Sequence[_Gap], began_ns: float, end_ns: float, patience_ns: int = 0) -> Sequence[_Gap]:
-    """Those that are not over before the first time and have lasted for patience_ns before the second."""
+    """Returns the gaps that are not over before the first time and have lasted for patience_ns before the second."""
     first = bisect_left(gaps, began_ns, key=lambda gap: gap.until_ns)
     return gaps[first : bisect_left(gaps, end_ns - patience_ns, key=lambda gap: gap.from_ns)]
 
 
 class RecordedGaps:
-    """Notes for how long either device has no sample, and puts it in place of the live text.
+    """Notes for how long each device has no sample, and states that in place of the live text.
 
     origin_ns: time that seconds count from. injected: faults of devices that were lost on purpose, so that what is
     lacking at the end is told as a live cart would tell it.
@@ -49,16 +49,16 @@ class RecordedGaps:
         self._gaps: dict[Fault, list[_Gap]] = {fault: [] for fault in _LACKING}
 
     def note(self, sample: Sample) -> None:
-        """Take the next sample, in time order; a reading without a pose counts."""
+        """Takes the next sample, in time order; a reading without a pose counts."""
         self._note(Fault.VIDEO_LOST if isinstance(sample, Frame) else Fault.TRACKER_LOST, sample.stamp.t_ns)
 
     def finish(self, end_ns: int) -> None:
-        """Count what is lacking at the end."""
+        """Counts what is lacking at the end."""
         for fault in _LACKING.keys() - self._injected:
             self._note(fault, end_ns)
 
     def told(self, changes: Sequence[Change]) -> list[Change]:
-        """The changes, those of a silent device with what the recording lacks meanwhile."""
+        """Returns the changes; those of a silent device state what the recording lacks meanwhile."""
         told: list[Change] = []
         alike = [(fault, list(group)) for fault, group in groupby(changes, key=lambda change: change.fault)]
         for index, (fault, group) in enumerate(alike):
@@ -74,7 +74,7 @@ class RecordedGaps:
         self._last_ns[fault] = t_ns
 
     def _reason(self, fault: Fault, began_s: float, end_s: float) -> str:
-        """What is lacking between these times, s since the origin; empty where nothing is."""
+        """Returns what is lacking between these times, s since the origin; empty where nothing is."""
         began_ns, end_ns = (self._origin_ns + seconds * 1e9 for seconds in (began_s, end_s))
         gaps = _between(self._gaps[fault], began_ns, end_ns, self._patience_ns[fault])
         if not gaps or (fault in self._injected and end_s == inf):

@@ -1,4 +1,4 @@
-"""Whether the strain of a picture at rest has leapt: tissue passes through what lies between, a scanner need not.
+"""Detects that the strain of a picture at rest has leapt: tissue passes through what lies between, a scanner need not.
 
 A picture that fades into a stretched one, or is wiped, breaks no chain of pictures; but its strain is what it was up to
 the middle of the fade, and what it will be from there on.
@@ -12,15 +12,15 @@ import numpy as np
 from probewatch.drivers.rigid import Array
 
 _STEADY, _SOONEST = 3, 2
-"""Looks for which the strain must be steady before a leap and after it, a third of a second from first to last, and
-before one that comes just as the rest has begun. Fewer take organs that slide for a leap (study, gesture-hold,
-organ-8-axial, seed 2: two looks), more ask for more of the rest."""
+"""Number of looks for which the strain must be steady before a leap and after it, a third of a second from first to
+last, and number before one that comes just as the rest has begun. Fewer take organs that slide for a leap (study,
+gesture-hold, organ-8-axial, seed 2: two looks), more ask for more of the rest."""
 _LEAP_NS, _UNSTEADY = 520_000_000, 0.15
-"""From the last look before the leap to the first one after it, at most, and range of the strain among the looks of
+"""ns from the last look before the leap to the first one after it, at most, and range of the strain among the looks of
 either side ÷ the leap. Longer finds slower fades, more those in tissue that gives way to tremor; with either, breaths
 that rest at both ends leap as well: at .7 s or .25 those that go as cos⁴ every 3 s (tests beside this)."""
 _MOST_LOOKS = 12
-"""Kept: more than both sides and the looks between them. Not varied."""
+"""Number of looks that are kept: more than both sides and the looks between them. Not varied."""
 _LEAST_DOWN = 0.5
 """Ratio of the strain down to that across, below which no tissue is the cause: it keeps its volume. More voids what was
 shown over tissue that slides sideways, less misses stretches of the width."""
@@ -28,8 +28,8 @@ shown over tissue that slides sideways, less misses stretches of the width."""
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Strain:
-    """Strain between the first picture of a rest and a later one. log_zoom: (2,) logarithm of its magnification,
-    lateral and axial. pressed: (2,) as of `pressed_between`.
+    """Holds the strain between the first picture of a rest and a later one. log_zoom: (2,) logarithm of its
+    magnification, lateral and axial. pressed: (2,) as of `pressed_between`.
     """
 
     t_ns: int
@@ -37,12 +37,12 @@ class Strain:
     pressed: Array
 
     def plus(self, other: "Strain") -> "Strain":
-        """The strain of the other's picture where that is measured against the picture of this one."""
+        """Returns the strain of the other's picture, where that is measured against the picture of this one."""
         return Strain(other.t_ns, self.log_zoom + other.log_zoom, self.pressed + other.pressed)
 
 
 class StrainLeap:
-    """Takes every strain that is measured against one picture. least: leap of the logarithm of an axis that counts."""
+    """Watches the strains of one rest. least: the smallest leap of the logarithm of an axis that counts."""
 
     def __init__(self, least: float) -> None:
         self._least = least
@@ -50,17 +50,19 @@ class StrainLeap:
         self._base = Strain(0, np.zeros(2), np.zeros(2))
 
     def begin(self, t_ns: int) -> None:
-        """Forgets all strains: what comes is measured against the picture of t_ns, which is not strained itself."""
+        """Forgets all strains. Later ones refer to the picture of t_ns, which is not strained itself."""
         self._base = Strain(t_ns, np.zeros(2), np.zeros(2))
         self._strains.clear()
         self._strains.append(self._base)
 
     def go_on(self, strain: Strain) -> None:
-        """What comes is measured against the picture of this strain, the latest that was taken."""
+        """Takes the picture of this strain, the latest that was taken, as the one that later strains refer to."""
         self._base = self._base.plus(strain)
 
     def step(self, strain: Strain) -> bool:
-        """Whether the latest strains are steady, and beside those before by more than the face pressed meanwhile."""
+        """Returns whether the latest strains are steady, and differ from those before by more than the face pressed
+        meanwhile.
+        """
         self._strains.append(self._base.plus(strain))
         strains = list(self._strains)
         before, after = strains[:-_STEADY], strains[-_STEADY:]
@@ -77,6 +79,8 @@ class StrainLeap:
 
 
 def is_across_alone(log_zoom: Array) -> bool:
-    """Whether (2,) logarithms of a zoom, lateral and axial, are of the width alone, so that no press explains them."""
+    """Returns whether the logarithms of a zoom, (2,) lateral and axial, are of the width alone, so that no press
+    explains them.
+    """
     across, down = np.abs(log_zoom)
     return bool(down < _LEAST_DOWN * across)
