@@ -70,6 +70,7 @@ def test_a_refused_command_line_is_told_in_german(
 def test_what_is_refused_of_a_recording_is_german(
     cart: Path, session: Path, calibration: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr("probewatch.tools.report.pdf._browser", lambda: "chromium")
     monkeypatch.setenv(named_cart.ENVIRONMENT, str(cart))
     judged = ("--calibration", calibration)
     for words, said in (
