@@ -6,7 +6,7 @@ all such characters (Unicode categories Cc, Cf, Cs, Co, Cn, Zl, Zp and every spa
 """
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 LONGEST_WORDS = 200
@@ -34,6 +34,12 @@ def printable(text: str, longest: int = LONGEST_WORDS) -> str:
         return str(text)
     shown = _replaced(text[:longest], "")
     return shown if len(text) <= longest else f"{shown[: longest - 1]}…"
+
+
+def first_few(texts: Sequence[str], most: int) -> str:
+    """Returns the first `most` texts with commas between them, and how many more there are."""
+    more = [f"{len(texts) - most} more"] if len(texts) > most else []
+    return ", ".join([*texts[:most], *more])
 
 
 def printable_bytes(data: bytes, longest: int = LONGEST_WORDS) -> str:

@@ -10,7 +10,7 @@ from xml.etree import ElementTree as ET
 
 from probewatch.appliance.storage.calibration_file import is_device_set
 from probewatch.drivers.files.markup import number_of, xml_of
-from probewatch.drivers.printable import printable
+from probewatch.drivers.printable import first_few, printable
 from probewatch.drivers.video.crop import FLIPS
 
 _LEAST_OFFSET_S = 0.0005
@@ -49,8 +49,7 @@ def not_kept(content: bytes) -> tuple[str, ...]:
         beside = [f"{name} {_shown(value)}" for name, value in node.attrib.items() if name not in _KEPT]
         if beside:
             said.append(f"{' and '.join(beside)} ({_shown(node.get('From', ''))} to {_shown(node.get('To', ''))})")
-    more = [f"{len(said) - _MOST_LISTED} more"] if len(said) > _MOST_LISTED else []
-    return (f"not kept of what the file says: {', '.join([*said[:_MOST_LISTED], *more])}",) if said else ()
+    return (f"not kept of what the file says: {first_few(said, _MOST_LISTED)}",) if said else ()
 
 
 def _of_clips(devices: list[ET.Element], image_size_px: tuple[int, int] | None) -> Iterator[str]:

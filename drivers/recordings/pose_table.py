@@ -32,10 +32,12 @@ from probewatch.drivers.trackers.plus_transform import (
 _MOST_TABLE_BYTES = 256_000_000
 """Bytes of a table, all of which is kept: as many as the header of a sequence may have."""
 _MATRIX = tuple(f"m{row}{column}" for row in range(3) for column in range(4))
+"""Columns of the upper three rows of a transform, by rows, mm in the last column."""
 _QUATERNION = ("x_mm", "y_mm", "z_mm", "qw", "qx", "qy", "qz")
 _NAME = "ProbeToTracker"
 _OTHER_SEPARATORS = {";": "semicolons", "\t": "tabs", "|": "bars", " ": "spaces"}
 _NUMBER = re.compile(r"[-+0-9.eE]+")
+"""A number, well-formed or not: a table whose first line begins with one has no headings."""
 _MOST_NAMES = 16
 """Columns that are listed at most: those of a transform and some beside it. More fills the screen; less hides
 columns."""

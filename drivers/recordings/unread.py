@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Mapping
 
-from probewatch.drivers.printable import printable
+from probewatch.drivers.printable import first_few, printable
 from probewatch.drivers.recordings.keys import IMAGE_STATUS, ORIENTATION
 
 _MOST_NAMES = 8
@@ -40,9 +40,8 @@ def fields_unread(header: Iterable[str], frames: Iterable[Mapping[str, str]], tr
 
 def unread_note(names: list[str]) -> str:
     """One line for people; empty where all was read."""
-    more = [f"{len(names) - _MOST_NAMES} more"] if len(names) > _MOST_NAMES else []
-    shown = [printable(name)[:_MOST_SHOWN] for name in names[:_MOST_NAMES]]
-    return f"not read of what the file says: {', '.join([*shown, *more])}" if names else ""
+    shown = [printable(name)[:_MOST_SHOWN] for name in names]
+    return f"not read of what the file says: {first_few(shown, _MOST_NAMES)}" if names else ""
 
 
 def turned_note(stored: str, named: str | None) -> str:

@@ -26,6 +26,7 @@ NAMED = "probewatch.named_cart"
 _CHOSEN = "probewatch.language"
 """Key for the language in which the command refuses, where its configuration is not that of the cart."""
 _LANGUAGE = re.compile(rb'^[ \t]*(?:alarm\.)?language[ \t]*=[ \t]*"([a-z]{2})"', re.MULTILINE)
+"""The line that states the language, for a file that is not valid TOML and whose mistakes are to be reported in it."""
 _MOST_BYTES = 1_000_000
 """Bytes of a configuration at most; a usual one has some kB."""
 

@@ -15,7 +15,8 @@ from probewatch.tools.german.configuration import (
 )
 from probewatch.tools.shared.named_cart import CONFIG
 from tests.support.answers import answered
-from tests.tools.german.test_errors import sources
+from tests.support.german import other_fields
+from tests.tools.german.test_errors import whole_texts
 
 TABLE = {**GERMAN_OF_MISTAKES, **GERMAN_OF_URLS, **GERMAN_OF_CONFIGURING}
 OF_OTHERS = ("input should ", "tuple should ", "No such file", "Permission denied", "Is a directory")
@@ -45,12 +46,11 @@ def changed(cart: Path, old: str, new: str) -> Path:
 
 
 def test_each_text_has_the_same_fields() -> None:
-    for english, german in TABLE.items():
-        assert sorted(re.findall(r"{\w+}", english)) == sorted(re.findall(r"{\w+}", german)), english
+    assert other_fields(TABLE) == []
 
 
 def test_nothing_is_translated_that_nobody_says() -> None:
-    said = " ".join(re.sub(r"""["']\s*\n?\s*f?["']""", "", source) for source in sources())
+    said = whole_texts()
 
     def pieces() -> Iterator[tuple[str, str]]:
         for english in TABLE:
