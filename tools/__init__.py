@@ -1,1 +1,1 @@
-"""What people type. At this level only the entry point."""
+"""Contains the commands that people type. This level holds only the entry point."""

@@ -1,4 +1,6 @@
-"""What is wrong in a TOML file, mistake by mistake: in which line, which key, its value, its bound, what was meant."""
+"""Describes what is wrong in a TOML file, one mistake at a time: its line, its key, the value, the bound, and what was
+meant.
+"""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -12,9 +14,10 @@ from probewatch.drivers.errors import ConfigurationError
 from probewatch.drivers.suggestion import did_you_mean, suggested
 
 _IN_ONE_LINE = 8
-"""Mistakes that a refusal in one line lists; `probewatch check` lists them all."""
+"""Number of mistakes that a refusal in one line lists; `probewatch check` lists them all."""
 _LONGEST_VALUE = 80
-"""Characters of a wrong value that are quoted: a line of a terminal. More hides the key and the bound beside it."""
+"""Number of characters of a wrong value that are quoted: a line of a terminal. More hides the key and the bound beside
+it."""
 _WORDS = {
     "model_type": "must be a section, written {section}",
     "dict_type": "must be a section, written {section}",
@@ -23,14 +26,15 @@ _WORDS = {
     "path_type": "must be the name of a file in quotes",
     "bool_type": "must be true or false",
 }
-"""Where pydantic's own words are about Python."""
+"""Pydantic's type of error → text, where pydantic's own words are about Python."""
 _MOST = 100
-"""Mistakes that are looked at: comparing thousands of keys with what is known would hold a start up for seconds."""
+"""Number of mistakes that are examined: comparing thousands of keys with the known ones would delay a start by
+seconds."""
 _TOP = ", it belongs in a section of its own"
 
 
 class Mistakes(ConfigurationError):  # noqa: N818  as people call them
-    """All mistakes of one file. each: (line or None, what is wrong), in the order of the file."""
+    """Lists all mistakes of one file. each: (line or None, what is wrong), in the order of the file."""
 
     def __init__(self, path: Path, each: Sequence[tuple[int | None, str]], remedy: str) -> None:
         self.path, self.each = path, tuple(each)
@@ -38,27 +42,31 @@ class Mistakes(ConfigurationError):  # noqa: N818  as people call them
 
     @classmethod
     def found(cls, error: ValidationError, model: type[BaseModel], text: str, path: Path, remedy: str) -> Self:
-        """One for each that a person made. model: of the whole file. text: what is in it."""
+        """Returns the mistakes that a person made, without their consequences. model: that of the whole file. text: the
+        content of the file.
+        """
         lines = key_lines(text)
         items = _without_consequences(error.errors(include_url=False)[:_MOST], model)
         each = [(line_of(item["loc"], lines), _described(item, model)) for item in items]
         return cls(path, sorted(each, key=lambda one: one[0] or 0), remedy)
 
     def in_one_line(self, of_line: str, of_rest: str, told: Callable[[str], str] = str) -> str:
-        """The first of them. of_line, of_rest: templates. told: puts each into another language."""
+        """Returns the first mistakes in one line. of_line, of_rest: templates. told: translates each mistake."""
         first = self.each[:_IN_ONE_LINE]
         listed = [f"{of_line.format(number=line)}: {told(what)}" if line else told(what) for line, what in first]
         left = len(self.each) - len(listed)
         return "; ".join([*listed, of_rest.format(more=left)] if left else listed)
 
     def rows(self, told: Callable[[str], str] = str) -> list[str]:
-        """A line for each, as compilers write them. told: puts each into another language."""
+        """Returns a line for each mistake, in the form that compilers use. told: translates each mistake."""
         each = ((line, told(what)) for line, what in self.each)
         return [f"{self.path}:{line}: {what}" if line else f"{self.path}: {what}" for line, what in each]
 
 
 def _without_consequences(items: list[ErrorDetails], model: type[BaseModel]) -> list[ErrorDetails]:
-    """A misspelt or misplaced key is missing where it was meant; a list without its bad entries may be too short."""
+    """Returns the mistakes without those that follow from others: a misspelt or misplaced key is missing where it was
+    meant, and a list without its bad entries may be too short.
+    """
     unknown = [item["loc"] for item in items if item["type"] == "extra_forbidden"]
     meant = {(*place[:-1], name) for place in unknown for name in _meant(place, model)}
     meant |= {(place[-1],) for place in unknown}
@@ -93,13 +101,13 @@ def _short(value: Any) -> str:
 
 
 def _section(place: Place) -> str:
-    """The section's header as it is written."""
+    """Returns the section's header as it is written in the file."""
     name = ".".join(part for part in place if isinstance(part, str))
     return f"[[{name}]]" if isinstance(place[-1], int) else f"[{name}]"
 
 
 def _key(place: Place) -> str:
-    """[section] key, as it stands in the file; entries of lists are counted from 1. Empty for the whole file."""
+    """Returns [section] and key as they stand in the file; entries of lists count from 1. Empty for the whole file."""
     if not place:
         return ""
     first, *rest = place
@@ -124,7 +132,7 @@ def _meant(place: Place, model: type[BaseModel]) -> list[str]:
 
 
 def _known(section: Place, model: type[BaseModel]) -> list[str]:
-    """Keys of a section; empty for what is none."""
+    """Returns the keys of a section; empty for what is not a section."""
     here: type[BaseModel] | None = model
     for part in section:
         if isinstance(part, str) and here is not None:

@@ -64,8 +64,8 @@ CLASSES = tuple(class_of(name) for name in MEASURED)
 PER_UNIT: Vector = np.array([QUANTITIES[fault].per_unit for fault in CLASSES])
 """Number of deg, %, mm and ms in one rad, relative, mm and s, (9,)."""
 LEFT_OUT: Vector = np.array([QUANTITIES[fault].left_out for fault in CLASSES]) / PER_UNIT
-"""What the model leaves out, (9,) rad, relative, mm and s, in tissue that may give way: what is accused, and what may
-change unseen, is given as much room in any tissue.
+"""Standard deviations of what the model leaves out, (9,) rad, relative, mm and s, in tissue that may give way. What is
+accused, and what may change unseen, is given as much room in any tissue.
 """
 _DEFAULT = Limits()
 

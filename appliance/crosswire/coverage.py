@@ -17,7 +17,7 @@ from probewatch.appliance.types import Vector
 from probewatch.drivers.rigid import nearest_rotation, rotation_from_vector, skew, vector_from_rotation
 
 TURNS = ("lean forwards and backwards", "twist left and right", "lean to the sides")
-"""What the hand does for a turn about the lateral, axial and elevational axis."""
+"""Movements of the hand that turn the picture about the lateral, axial and elevational axis."""
 _TOWARDS = (
     ("lean the handle towards you", "lean the handle away from you"),
     ("twist the probe clockwise, seen from above", "twist the probe anticlockwise, seen from above"),

@@ -1,7 +1,7 @@
 """Reads what a PLUS device set states about the devices beside its calibration: the part of the picture, and their
 delays.
 
-The calibration is read by `calibration_file`. What is here is for a person: PLUS applies these settings itself to what
+The calibration is read by `calibration_file`. The remarks are for a person: PLUS applies these settings itself to what
 it sends over OpenIGTLink, and a cart that reads the devices with its own drivers needs them stated.
 """
 
@@ -14,15 +14,17 @@ from probewatch.drivers.printable import first_few, printable
 from probewatch.drivers.video.crop import FLIPS
 
 _LEAST_OFFSET_S = 0.0005
-"""s, the smallest offset worth a remark: half of latency_ms's last digit as a person gives it. Less is PLUS's 0."""
+"""Smallest offset, s, that is worth a remark: half of the last digit of latency_ms as a person gives it. Anything
+smaller counts as PLUS's 0."""
 _MOST_LISTED = 6
-"""Transforms that are named as not kept; a device set has a handful, and more than two lines are not read."""
+"""Largest number of transforms that are named as not kept: a device set has a handful, and nobody reads more than two
+lines."""
 _MOST_SHOWN = 40
-"""Characters of a name or value that are repeated; PLUS's are shorter."""
+"""Largest number of characters of a name or value that are repeated; those of PLUS are shorter."""
 _KEPT = ("From", "To", "Matrix")
 """Attributes of a transform that make the calibration."""
 _MOST_REMARKS = 8
-"""Remarks on one file: a device set has a handful of devices, and nobody reads more than a screen."""
+"""Largest number of remarks on one file: a device set has a handful of devices, and nobody reads more than a screen."""
 
 
 def clip_px(content: bytes) -> tuple[int, int, int, int] | None:
@@ -43,7 +45,9 @@ def remarks(content: bytes, image_size_px: tuple[int, int] | None = None) -> tup
 
 
 def not_kept(content: bytes) -> tuple[str, ...]:
-    """One sentence on what transforms say beside their matrix, such as Error and Date; none where they say nothing."""
+    """Returns one sentence on what transforms state beside their matrix, such as Error and Date; none where they state
+    nothing.
+    """
     said = []
     for node in _nodes(content, ".//CoordinateDefinitions//Transform"):
         beside = [f"{name} {_shown(value)}" for name, value in node.attrib.items() if name not in _KEPT]

@@ -1,9 +1,9 @@
-"""The history of reference calibrations as it lies on the disk, and which of them is in force: the last.
+"""Stores the history of reference calibrations on the disk; the last of them is in force.
 
-A folder `references` beside the alarm log holds `history.json`, which says of each reference where it came from, and
-the content of each under its SHA-256. The content is on the disk before the history that names it, and the history is
-replaced whole, so a power cut leaves the one before or the one after. What does not match its checksum, or is missing,
-is refused by name; nothing else is ever taken in its place.
+A folder `references` beside the alarm log holds `history.json`, which states where each reference came from, and the
+content of each under its SHA-256. The content is on the disk before the history that names it, and the history is
+replaced as a whole, so that a power cut leaves the previous or the new one. A file that does not match its checksum, or
+is missing, is refused by name; nothing else is ever used in its place.
 """
 
 import errno
@@ -24,7 +24,7 @@ FOLDER, HISTORY = "references", "history.json"
 CONFIGURED, RECALIBRATED, FROM_FILE = "configuration", "recalibration", "file"
 
 _MAX_HISTORY_BYTES = 16_000_000
-"""About 15,000 references; a longer file is none that was written here."""
+"""Largest size of the history, bytes: about 15,000 references. A longer file was not written here."""
 
 _RESTORE = "Restore the folder from a copy, or start again with the configuration's file: probewatch calibration reset"
 
@@ -36,15 +36,15 @@ class _Stored(BaseModel):
 
 
 class Entry(_Stored):
-    """One reference.
+    """Describes one reference.
 
-    number: counts from 1. origin: configuration, recalibration, "went back to N", file (which lay there, as for
-    `calibration use`), or "file of reference N" where its content was that one's. utc: when it came in force, ISO 8601.
-    software: version that took it. file: where its content lay. image_size_px, probe: with which a device set was
-    read. simulated: made of a simulated scan. difference: from the one before, in words; empty for the first. who:
-    asked for it; empty for the service itself. to_show: checks that must be shown before its first OK. verified_utc:
-    when motion first showed it; None before. relative_pose: as of
-    `appliance.core.estimator_settings.EstimatorSettings`, by rows; None where not known.
+    number: counts from 1. origin: configuration, recalibration, "went back to N", file (one that existed before, as for
+    `calibration use`), or "file of reference N" where its content was that of N. utc: when it came into force, ISO
+    8601. software: the version that took it. file: where its content lay. image_size_px, probe: those with which a
+    device set was read. simulated: whether it was made from a simulated scan. difference: that from the previous one,
+    in words; empty for the first. who: the person who asked for it; empty for the service itself. to_show: checks that
+    must be shown before its first OK. verified_utc: when motion first showed it; None before. relative_pose: that of
+    `appliance.core.estimator_settings.EstimatorSettings`, by rows; None where it is not known.
     """
 
     number: Annotated[int, Field(ge=1)]
@@ -64,9 +64,11 @@ class Entry(_Stored):
 
 
 class History(_Stored):
-    """entries: oldest first, the last is in force. configured_sha256: content of the configuration's file when it
-    became the first reference, or when a later choice of a person was verified, so that a change of that file is
-    noticed; empty where it could not be read then.
+    """Holds the references that were ever in force.
+
+    entries: oldest first; the last is in force. configured_sha256: SHA-256 of the configuration's file when it became
+    the first reference, or when a later choice of a person was verified, so that a change of that file is noticed;
+    empty where it could not be read then.
     """
 
     v: Literal[1] = 1
@@ -84,7 +86,7 @@ class History(_Stored):
         return self.entries[-1] if self.entries else None
 
     def entry(self, number: int) -> Entry:
-        """Raises ConfigurationError for a number that there is not."""
+        """Returns the reference of that number. Raises ConfigurationError for a number that does not exist."""
         if not 1 <= number <= len(self.entries):
             count = len(self.entries)
             known = {0: "there is none yet", 1: "there is only number 1"}.get(count, f"there are 1 to {count}")
@@ -96,12 +98,12 @@ _LIST = "See: probewatch calibration list"
 
 
 def sha256_of(content: bytes) -> str:
-    """SHA-256 in hexadecimal."""
+    """Returns the SHA-256 of the content in hexadecimal."""
     return hashlib.sha256(content).hexdigest()
 
 
 def read_history(folder: Path) -> History | None:
-    """Returns the references that were ever in force; None where there was none. folder: of the alarm log.
+    """Returns the references that were ever in force; None where there was none. folder: that of the alarm log.
 
     Raises ConfigurationError for a store that is damaged or cannot be read, the content of the reference in force
     included.
@@ -121,7 +123,7 @@ def read_history(folder: Path) -> History | None:
 
 
 def content_of(folder: Path, entry: Entry) -> bytes:
-    """The calibration file as it was taken. Raises ConfigurationError where it is missing or was changed."""
+    """Returns the calibration file as it was taken. Raises ConfigurationError where it is missing or was changed."""
     for file in _places(folder, entry.sha256):
         try:
             content = file.read_bytes()
@@ -136,10 +138,10 @@ def content_of(folder: Path, entry: Entry) -> bytes:
 
 
 def write_history(folder: Path, history: History, contents: dict[str, bytes]) -> None:
-    """Write the history; it is on the disk when this returns. contents: by SHA-256, of what the folder may not hold
-    yet. Raises OSError, also where the history would be larger than it is read: a restart could not go on with it.
+    """Writes the history, which is on the disk when this returns. contents: by SHA-256, those that the folder may not
+    hold yet. Raises OSError, also where the history would be too large to be read: a restart could not go on with it.
 
-    An empty history comes first into a new folder: content without a history is damage.
+    In a new folder, an empty history is written first, because content without a history counts as damage.
     """
     text = _text(history)
     if len(text) > _MAX_HISTORY_BYTES:
@@ -156,7 +158,7 @@ def write_history(folder: Path, history: History, contents: dict[str, bytes]) ->
 
 
 def set_aside(folder: Path) -> Path | None:
-    """Rename the whole store, damaged or not, and leave an empty one in its place. Returns the new name; None where
+    """Renames the whole store, damaged or not, and leaves an empty one in its place. Returns the new name; None where
     there was no store. Raises OSError.
     """
     place, kept = folder / FOLDER, None
@@ -201,7 +203,9 @@ def _places(folder: Path, sha256: str) -> tuple[Path, Path]:
 
 
 def _text(history: History) -> bytes:
-    """A relative pose is written only where there is one, so versions without it read the store of a usual cart."""
+    """Returns the history as JSON, with its checksum. A relative pose is written only where there is one, so that
+    versions without it can read the store of a usual cart.
+    """
     fields = history.model_dump(mode="json")
     for entry in fields["entries"]:
         if entry["relative_pose"] is None:

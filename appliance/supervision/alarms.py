@@ -89,7 +89,7 @@ _EXPLAINED = (State.WAITING, State.NOT_VERIFIED, State.WARNING, State.DEVICE_LOS
 """States to which silence alone can lead."""
 
 EARLIER, PARTLY_EARLIER = "by earlier motion", "in part by earlier motion"
-"""What a verified calibration rests on, where the present motion does not show all of it."""
+"""Texts that state what a verified calibration rests on, where the present motion does not show all of it."""
 OUTDATED = "the last verification is too old; move the probe over tissue"
 BEHIND = "the times of picture or pose fall behind; check scanner, tracker and their server"
 DISTURBED = "verified only before a disturbance; move the probe over tissue"

@@ -1,4 +1,4 @@
-"""States what a recording lacks, where a live cart would report that a device is silent. Pure."""
+"""States what a recording lacks, where a live cart would report a device as silent. Pure."""
 
 from bisect import bisect_left
 from collections.abc import Collection, Sequence
@@ -30,16 +30,16 @@ class _Gap:
 
 
 def _between(gaps: Sequence[_Gap], began_ns: float, end_ns: float, patience_ns: int = 0) -> Sequence[_Gap]:
-    """Returns the gaps that are not over before the first time and have lasted for patience_ns before the second."""
+    """Returns the gaps that are not over before began_ns and have lasted longer than patience_ns at end_ns."""
     first = bisect_left(gaps, began_ns, key=lambda gap: gap.until_ns)
     return gaps[first : bisect_left(gaps, end_ns - patience_ns, key=lambda gap: gap.from_ns)]
 
 
 class RecordedGaps:
-    """Notes for how long each device has no sample, and states that in place of the live text.
+    """Records for how long each device has no sample, and states that in place of the live text.
 
-    origin_ns: time that seconds count from. injected: faults of devices that were lost on purpose, so that what is
-    lacking at the end is told as a live cart would tell it.
+    origin_ns: time from which seconds are counted. injected: faults of devices that were lost on purpose, so that what
+    is lacking at the end is reported as a live cart would report it.
     """
 
     def __init__(self, origin_ns: int, timeouts: Timeouts, injected: Collection[Fault] = ()) -> None:
@@ -53,12 +53,12 @@ class RecordedGaps:
         self._note(Fault.VIDEO_LOST if isinstance(sample, Frame) else Fault.TRACKER_LOST, sample.stamp.t_ns)
 
     def finish(self, end_ns: int) -> None:
-        """Counts what is lacking at the end."""
+        """Counts as gaps what is lacking at the end, but for the devices that were lost on purpose."""
         for fault in _LACKING.keys() - self._injected:
             self._note(fault, end_ns)
 
     def told(self, changes: Sequence[Change]) -> list[Change]:
-        """Returns the changes; those of a silent device state what the recording lacks meanwhile."""
+        """Returns the changes; those of a silent device state what the recording lacks in the meantime."""
         told: list[Change] = []
         alike = [(fault, list(group)) for fault, group in groupby(changes, key=lambda change: change.fault)]
         for index, (fault, group) in enumerate(alike):

@@ -7,7 +7,7 @@ from contextlib import suppress
 from pathlib import Path
 
 _OWNER = 0o600
-"""Mode of the file: whoever may open it, even for reading, may hold it."""
+"""Mode of the file. Only its owner may open it, as whoever opens it, even for reading, can hold the lock."""
 _TRIES = 10
 """How often a file that is removed while it is being locked is made again. More insists longer against somebody who
 removes it in a loop.

@@ -1,6 +1,7 @@
-"""A film as one half of a recording: what a screen recorder leaves. The other half is a table of poses (pose_table.py).
+"""Reads a film, such as a screen recorder writes, as one half of a recording; the other half is a table of poses
+(pose_table.py).
 
-The film is whatever OpenCV decodes; its time begins with 0 at its first picture.
+Any film that OpenCV decodes is read; its time begins with 0 at its first picture.
 """
 
 import os
@@ -21,26 +22,30 @@ from probewatch.drivers.video.crop import FLIPS
 from probewatch.drivers.video.no_film import why_no_film
 
 _MOST_PICTURES = 1_000_000
-"""Pictures of a film: nine hours at 30 Hz, whose times are all kept. A damaged film may have no end."""
+"""Largest number of pictures that are read from a film: nine hours at 30 Hz, whose times are all kept. A damaged film
+may have no end."""
 _COMPLETE = 0.9
-"""Share of the pictures that a header counts, and of the time that they take: where the rate varies Matroska has fewer
-pictures than are counted, by the duration. Less lets a film pass that has lost its end. Not measured."""
+"""Share of the pictures that a header counts, or of the time that they take, from which a film is complete: where the
+rate varies, a Matroska film has fewer pictures than are counted from its duration. Less accepts a film that has lost
+its end. Not measured."""
 _DARK = 64
-"""Of 255. The brightest pixel of ultrasound is saturated or nearly so; more refuses a dim film, less takes values of
-12 or 14 bits in pixels of 16 for a black picture. Not measured."""
+"""Grey value, of 255, that the brightest pixel must reach in a film of more than 8 bits: in ultrasound it is saturated
+or nearly so. More refuses a dim film; less takes values of 12 or 14 bits in pixels of 16 for a black picture. Not
+measured."""
 _LOOKED_AT = 10
-"""Pictures of which the brightest pixel is found: more costs decoding, fewer may be of a probe in the air."""
+"""Number of pictures in which the brightest pixel is sought. More costs decoding; fewer may all show a probe in the
+air."""
 _LISTS = (b"#EXTM3U", b"ffconcat", b"ID3")
-"""Beginnings of files that FFmpeg takes for lists of other films, wherever those lie, and of the tag that it skips
-before it looks for such a beginning."""
+"""First bytes of the files that FFmpeg takes for lists of other films, wherever those lie, and of the tag that it skips
+before it looks for such bytes."""
 _PATTERN = re.compile(r"%[0-9]*d|%[*?\[\]{}]")
-"""In a name it is a pattern to FFmpeg, of a file for each picture."""
+"""What makes FFmpeg read a name as a pattern that stands for one file per picture."""
 
 
 class Film:
-    """A film as a sequence of pictures without poses. Raises RecordingError where nothing can be decoded.
+    """Represents a film as a sequence of pictures without poses. Raises RecordingError where nothing can be decoded.
 
-    lacking: number of pictures that its header counts and that are not there, as in a film that was cut.
+    lacking: number of pictures that its header counts and that are missing, as in a film that was cut.
     """
 
     def __init__(self, path: Path, orientation: str | None = None) -> None:
@@ -75,7 +80,7 @@ class Film:
         return without_matrix("MISSING", name)
 
     def pictures(self) -> Iterator[GreyImage]:
-        """Each in turn, (height, width), MF-oriented, one in memory."""
+        """Yields each picture in turn, (height, width), MF-oriented; one is in memory."""
         rows, columns = (slice(None, None, -1 if flip else 1) for flip in self._flips)
         film = self._opened()
         try:
@@ -97,11 +102,11 @@ class Film:
         if head.startswith(_LISTS):
             what = "is a list of other files, not a film that holds its own pictures"
             raise RecordingError(what, str(self.path), "Convert it to MP4 or MKV where those files are yours")
-        place = str(self.path.absolute())  # from / on: FFmpeg takes what stands before a colon for a protocol
+        place = str(self.path.absolute())  # as FFmpeg takes what precedes a colon for a protocol
         if _PATTERN.search(place):
             what = "has a % in its name or folder that stands for the numbers of other files"
             raise RecordingError(what, str(self.path), "Rename it without the %")
-        os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # no lines of its own between those of the command
+        os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # keeps its lines out of the output of the command
         cv2.utils.logging.setLogLevel(0)
         film = cv2.VideoCapture(place, cv2.CAP_FFMPEG)
         remedy = "Copy it again where it is cut, else convert it to MP4 or MKV"
@@ -110,7 +115,11 @@ class Film:
         return film
 
     def _looked_through(self) -> tuple[list[int], tuple[int, int], int]:
-        """(times of all pictures, ns; width and height; how many pictures the header counts, 0 where it does not)."""
+        """Reads the whole film once, and returns (times of all pictures, ns from the first; (width, height); number of
+        pictures that the header counts, 0 where it counts none or the film lasts about as long as it states).
+
+        Raises RecordingError for a film that cannot be used.
+        """
         film, times_ns, seen = self._opened(), list[int](), _Look()
         if is_mirrored(self.path):
             film.release()
@@ -154,15 +163,18 @@ class Film:
 
 
 def _deep_grey(pixel_format: int) -> int:
-    """Bits of a pixel of grey where they are more than 8, else 0. FFmpeg tags them Y, 1, 0, bits, or reversed."""
+    """Returns the bits of a grey pixel where they are more than 8, else 0. FFmpeg tags such formats with Y, 1, 0 and
+    the bits, in this order or reversed.
+    """
     tag = (pixel_format & 0xFFFFFFFF).to_bytes(4, "little")
     tag = tag if tag[:1] == b"Y" else tag[::-1]
     return tag[3] if tag[:3] == b"Y1\0" and tag[3] > 8 else 0
 
 
 class _Look:
-    """What the first pictures show. alike: whether all are the same so far: FFmpeg's scaler refuses interlaced ones,
-    OpenCV passes that over and gives whatever its memory holds, each time the same. brightest: pixel of them, of 255.
+    """Tracks what the first pictures show. alike: whether all are the same so far, as those of an interlaced film are:
+    FFmpeg's scaler refuses them, and OpenCV ignores that and returns whatever its memory holds, each time the same.
+    brightest: the brightest pixel in them, of 255.
     """
 
     def __init__(self) -> None:
@@ -170,7 +182,7 @@ class _Look:
         self._first: np.ndarray | None = None
 
     def look(self, film: cv2.VideoCapture) -> None:
-        """At the picture that was grabbed last; at none any more once enough was seen and two have differed."""
+        """Examines the picture that was grabbed last; does nothing once enough were seen and two have differed."""
         if not self.alike and self._count >= _LOOKED_AT:
             return
         there, picture = film.retrieve()

@@ -1,4 +1,5 @@
-"""What each program calls the fields of a sequence's header: PLUS in MetaImage and in NRRD, 3D Slicer, and we.
+"""Gives one name to each field of a sequence's header, which has several: those of PLUS in MetaImage and in NRRD, of 3D
+Slicer, and our own.
 
 The first name of each field is the one by which it is read from here on; PLUS writes it in MetaImage.
 """
@@ -13,23 +14,24 @@ NAMES: Mapping[str, tuple[str, ...]] = {
     ORIENTATION: (ORIENTATION, "ultrasound image orientation"),
     IMAGE_TYPE: (IMAGE_TYPE, "ultrasound image type"),
 }
-"""Field → its names; the second is PLUS's in NRRD (vtkPlusSequenceIO). We write both there. Capitals, blanks and
-underscores make no difference: scripts write them otherwise."""
+"""Field → its names; the second is the one that PLUS writes in NRRD (vtkPlusSequenceIO). We write both there. Capitals,
+blanks and underscores make no difference, as scripts write them differently."""
 _TIMES = re.compile(r"axis ([0-9]+) index values")
-"""3D Slicer's key for the times of a sequence, s, all in one line."""
+"""Key under which 3D Slicer writes the times of a sequence, s, all in one line."""
 _QUOTED = re.compile(r'"([^"]*)"')
 _UNITS_PER_S = {"s": 1, "sec": 1, "second": 1, "seconds": 1, "ms": 1000, "us": 1_000_000, "µs": 1_000_000}
-"""Unit of the axis of a 3D Slicer sequence → how many are a second."""
+"""Unit of the axis of a 3D Slicer sequence → the number of them in a second."""
 _LABELS_OF_TIME = ("", "time", "t")
-"""Labels of that axis without a unit that are taken for s; "frame" counts pictures, "%R-R" a heart's beat."""
+"""Labels with which that axis, where it has no unit, is taken to be in s. "frame" counts pictures, and "%R-R" refers to
+a heartbeat."""
 _FROM = (0, 1)
-"""Numbers of the first frame: PLUS and 3D Slicer count from 0, MATLAB scripts from 1."""
+"""Numbers that the first frame may have: PLUS and 3D Slicer count from 0, MATLAB scripts from 1."""
 
 Fields = dict[str, str]
 
 
 def known(fields: Mapping[str, str]) -> Fields:
-    """The fields by the names of here; where a file says one twice, by its own name."""
+    """Returns the fields by the names used here. Where a file states a field under two names, that used here counts."""
     own = {name: _FIRST.get(_plain(name), name) for name in fields}
     other = {own[name]: value for name, value in fields.items() if own[name] != name}
     return {**other, **{name: value for name, value in fields.items() if own[name] == name}}
@@ -43,7 +45,7 @@ _FIRST = {_plain(name): one for one, names in NAMES.items() for name in names}
 
 
 def from_zero(frames: Mapping[int, Fields], count: int) -> list[Fields] | None:
-    """The fields of each frame in order, however they are numbered; None where some are missing or too many."""
+    """Returns the fields of each frame in order, numbered from 0 or 1; None where frames are missing or too many."""
     first = min(frames, default=0)
     if first not in _FROM or len(frames) != count or max(frames, default=-1) != first + count - 1:
         return None
@@ -51,14 +53,16 @@ def from_zero(frames: Mapping[int, Fields], count: int) -> list[Fields] | None:
 
 
 def missing(frames: Mapping[int, Fields], count: int) -> int | None:
-    """The first frame that has no fields, counted from the first number of the file; None where all have some."""
+    """Returns the number of the first frame without fields, in the numbering of the file; None where every frame has
+    some.
+    """
     first = min(frames, default=0)
     return next((number for number in range(first, first + count) if number not in frames), None)
 
 
 def index_times(general: Mapping[str, str], axis: int) -> dict[int, Fields]:
-    """Times of a 3D Slicer sequence, which are the values of an axis, in s; empty where it has none. Raises ValueError,
-    with what the values are, where they are no times.
+    """Returns the times of a 3D Slicer sequence, which are the values of an axis, in s; empty where it has none. Raises
+    ValueError, which states what the values are, where they are not times.
     """
     for name, value in general.items():
         match = _TIMES.fullmatch(name)
@@ -69,7 +73,7 @@ def index_times(general: Mapping[str, str], axis: int) -> dict[int, Fields]:
 
 
 def _per_s(general: Mapping[str, str], axis: int) -> int:
-    """How many of the axis's units are a second."""
+    """Returns how many of the axis's units are a second. Raises ValueError where the axis is not one of time."""
     if (kind := general.get(f"axis {axis} index type", "numeric").lower()) != "numeric":
         raise ValueError(f"of type {kind!r}")
     label, unit = (_of_axis(general.get(field, ""), axis) for field in ("labels", "units"))
@@ -81,7 +85,7 @@ def _per_s(general: Mapping[str, str], axis: int) -> int:
 
 
 def _of_axis(text: str, axis: int) -> str:
-    """The word of one axis out of those of all, each in quotes."""
+    """Returns the word of one axis from a text with one quoted word per axis; empty where it has none."""
     words = _QUOTED.findall(text)
     return words[axis].strip() if axis < len(words) else ""
 
@@ -90,4 +94,4 @@ def _seconds(text: str, per_s: int) -> str:
     try:
         return text if per_s == 1 else str(Decimal(text) / per_s)
     except InvalidOperation:
-        return text  # the reader of the header refuses it, with its frame
+        return text  # the reader of the header refuses it, and names the frame

@@ -1,7 +1,7 @@
-"""`replay:` recordings as devices: frames and poses of a PLUS sequence, all at once in time order or at their own pace.
+"""Plays recordings as `replay:` devices: frames and poses, all at once in time order or at their own pace.
 
-Where each frame carries its own transform, pose and frame get the same stamp, the pose first. Entries whose time does
-not increase, and pictures the recorder marked invalid, are left out and counted.
+Where each frame carries its own transform, pose and frame get the same stamp, and the pose comes first. Entries whose
+time does not increase, and pictures that the recorder marked as invalid, are left out and counted.
 """
 
 import heapq
@@ -26,19 +26,19 @@ from probewatch.drivers.samples import Frame, Matrix4, Pose, PoseStatus, Sample,
 from probewatch.drivers.trackers.plus_transform import TransformReading
 
 _STAMP_ERR_NS = 500
-"""Half of the last digit PLUS prints; a recording says nothing more about the error of its stamps."""
+"""Half of the last digit that PLUS prints, ns; a recording states nothing more about the error of its stamps."""
 
 _MAX_DISORDER = 0.1
-"""Share of entries out of time order above which the recording's clock is not believed at all."""
+"""Share of entries out of time order above which the recording is refused, as its clock cannot be trusted."""
 
 SLOWEST_NS = 2_000_000_000
-"""Between two entries, the median: the line takes what is further apart for a leap of the clock, so that nothing would
-be paired. Times in ms or µs show by it."""
+"""Largest median time between two entries, ns: the line takes entries further apart for a leap of the clock, so that
+nothing would be paired. Times in ms or µs are recognised by it."""
 
 _POSE_DISORDER = "pose time does not increase"
 
 ENDED = "the recording has ended"
-"""What is said of a device that has played all of its recording."""
+"""Reason that a device reports once it has played all of its recording."""
 
 UNORIENTED = "a film does not say how its pictures lie: taken as MF; if they lie otherwise, give --orientation"
 
@@ -47,12 +47,13 @@ _S = TypeVar("_S", Frame, Pose)
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """Pictures and poses of one session, from one file or from two that share a clock.
+    """Represents the pictures and poses of one session, from one file or from two that share a clock.
 
-    tool, reference: names of the transforms that make a pose, reference None where the first is used alone; tool None
-    where the session has no poses. witness: of a second body on the probe, in the same frame as tool, None where none
-    is named. left_out: reason → number of frames not passed on. poses_left_out: the same of poses, where they have
-    times of their own. orientation: as it was named for the pictures, None where it was not.
+    tool, reference: names of the transforms that make a pose; reference is None where tool is used alone, and tool is
+    None where the session has no poses. witness: name of the transform of a second body on the probe, in the same frame
+    as tool; None where there is none. frame_order, pose_order: (t_ns, index) of the entries that are passed on, in time
+    order. left_out: reason → number of frames that are not passed on. poses_left_out: the same for poses, where they
+    have times of their own. orientation: the one that was named for the pictures, None where none was.
     """
 
     pictures: Sequence
@@ -68,18 +69,18 @@ class Recording:
 
     @property
     def size_px(self) -> tuple[int, int] | None:
-        """(width, height) of the pictures, None where there are none."""
+        """Returns (width, height) of the pictures, None where there are none."""
         return self.pictures.size_px
 
     @property
     def remarks(self) -> list[str]:
-        """What was left out, a line for each reason."""
+        """Returns what was left out, a line for each reason."""
         each = (("pictures", self.left_out), ("poses", self.poses_left_out))
         return [f"{number} {what} left out: {why}" for what, found in each for why, number in found.items()]
 
     @property
     def notes(self) -> list[str]:
-        """How the pictures were turned, or that nothing says how they lie, and what of the files is not read."""
+        """Returns how the pictures were turned, or that no orientation is known, and what of the files is not read."""
         return list(filter(None, (self._picture_note, *map(self._unread_note, self._files))))
 
     @property
@@ -103,12 +104,12 @@ class Recording:
 
     @property
     def start_ns(self) -> int:
-        """Earliest stamp of the session, ns of the recording's clock."""
+        """Returns the earliest stamp of the session, ns of the recording's clock."""
         return min((order[0][0] for order in (self.frame_order, self.pose_order) if order), default=0)
 
     @property
     def overlap_ns(self) -> tuple[int, int]:
-        """(first, last) stamp between which both devices were recorded; just before start_ns twice where never."""
+        """Returns the (first, last) stamp between which both devices were recorded; last < first where never."""
         if not self.frame_order or not self.pose_order:
             return self.start_ns, self.start_ns - 1
         first_ns = max(self.frame_order[0][0], self.pose_order[0][0])
@@ -118,19 +119,19 @@ class Recording:
         return len(self.frame_order) + len(self.pose_order)
 
     def samples(self) -> Iterator[Sample]:
-        """Everything in time order, stamps in ns of the recording's clock. Raises RecordingError for damaged data."""
+        """Yields all in time order, stamps in ns of the recording's clock. Raises RecordingError for damaged data."""
         streams: tuple[Iterator[Sample], ...] = (self.pose_samples(), self.frame_samples())
         yield from heapq.merge(*streams, key=lambda sample: sample.stamp.t_ns)
 
     def frame_samples(self) -> Iterator[Frame]:
-        """The pictures alone. Raises RecordingError for damaged data."""
+        """Yields the pictures alone. Raises RecordingError for damaged data."""
         order = {index: t_ns for t_ns, index in self.frame_order}
         for index, image in enumerate(self.pictures.pictures()):
             if index in order:
                 yield Frame(Stamp(order[index], _STAMP_ERR_NS), self.pictures.sequence(index), image)
 
     def pose_samples(self) -> Iterator[Pose]:
-        """The poses alone; what the tracker did not measure is passed on as such. Raises RecordingError."""
+        """Yields the poses alone, those that the tracker did not measure marked as such. Raises RecordingError."""
         for t_ns, index in self.pose_order:
             reading = self._reading(index)
             stamp, sequence = Stamp(t_ns, _STAMP_ERR_NS), self.poses.sequence(index)
@@ -143,7 +144,7 @@ class Recording:
         return self._fixed(self.poses.transform(index, self.witness), index).matrix
 
     def _reading(self, index: int) -> TransformReading:
-        """Probe → reference tool: inv(ReferenceToTracker) · ProbeToTracker where two transforms make the pose."""
+        """Returns probe → reference tool: inv(ReferenceToTracker) · ProbeToTracker where two transforms make it."""
         assert self.tool is not None
         return self._fixed(self.poses.transform(index, self.tool), index)
 
@@ -166,12 +167,13 @@ def open_recording(
     orientation: str | None = None,
     need_poses: bool = True,
 ) -> Recording:
-    """Open a session and check its headers. poses: a second sequence whose transforms are used instead.
+    """Opens a session and checks its headers. poses: a second sequence whose transforms are used instead.
 
-    The pose is <probe>To<reference> where recorded, else composed over the tracker, else <probe>ToTracker; probe is
-    "Probe" and reference "Reference" unless named; the name "Tracker" asks for poses without a reference tool. A second
-    body on the probe is "Witness" unless named, in the same frame as the probe; without that name it may be missing.
-    Raises RecordingError, also where need_poses and the transforms are not there.
+    The pose is <probe>To<reference> where that was recorded; otherwise it is composed over the tracker, or else it is
+    <probe>ToTracker. probe is "Probe" and reference is "Reference" unless named; the reference "Tracker" asks for poses
+    without a reference tool. A second body on the probe, in the same frame as the probe, is "Witness" unless named;
+    only where it is named must it be there. Raises RecordingError, also where need_poses is True and the transforms are
+    missing.
     """
     pictures = read_sequence(path, orientation)
     pose_source = pictures if poses is None else read_sequence(poses)
@@ -208,7 +210,10 @@ def _check_overlap(pictures: tuple[tuple[int, int], ...], poses: tuple[tuple[int
 
 
 def open_video(target: str, options: dict[str, str], clock: HostClock) -> "Player[Frame]":
-    """`replay:FILE`; see Player for the pace. Raises ConfigurationError for options, RecordingError for the file."""
+    """Opens the pictures of `replay:FILE`; Player describes their pace.
+
+    Raises ConfigurationError for options, RecordingError for the file.
+    """
     recording, start_s = _from_url(target, options, need_poses=False)
     if recording.size_px is None:
         raise RecordingError("holds no pictures", target, "Give a recording with pictures as the video device")
@@ -216,16 +221,19 @@ def open_video(target: str, options: dict[str, str], clock: HostClock) -> "Playe
 
 
 def open_tracker(target: str, options: dict[str, str], clock: HostClock) -> "Player[Pose]":
-    """`replay:FILE`; see Player for the pace. Raises ConfigurationError for options, RecordingError for the file."""
+    """Opens the poses of `replay:FILE`; Player describes their pace.
+
+    Raises ConfigurationError for options, RecordingError for the file.
+    """
     recording, start_s = _from_url(target, options, need_poses=True)
     return Player(recording.pose_samples, recording.start_ns, start_s, clock, target)
 
 
 class Player(Closable, Generic[_S]):
-    """Hands out samples when their time comes on the host clock, restamped to it.
+    """Returns samples when they fall due on the host clock, with stamps of that clock.
 
-    The session starts start_s after the clock's origin, for the video and the tracker alike, so two devices opened from
-    one URL stay in step. What fell due before the device was opened is skipped, as a camera would.
+    The session starts start_s after the clock's origin, for the video and the tracker alike, so that two devices opened
+    from one URL stay in step. Samples that fell due before the device was opened are skipped, as with a camera.
     """
 
     def __init__(
@@ -238,11 +246,11 @@ class Player(Closable, Generic[_S]):
         self._waiting: _S | None = None
 
     def close(self) -> None:
-        """See Closable."""
+        """Closes the stream of samples."""
         self._samples.close()
 
     def read(self, timeout_s: float) -> _S | None:
-        """Next sample, or None when none fell due within timeout_s. Raises DeviceLost at the end or at damage."""
+        """Returns the next sample; None if none is due within timeout_s. Raises DeviceLost at the end or at damage."""
         sample = self._waiting or self._next()
         self._waiting = sample
         deadline_ns = self._clock.now_ns() + round(timeout_s * 1e9)
@@ -263,7 +271,7 @@ class Player(Closable, Generic[_S]):
 
 
 def checked(target: str, options: dict[str, str]) -> float:
-    """Where to start, s. Raises ConfigurationError naming the option."""
+    """Returns the time, s, after which the recording begins. Raises ConfigurationError that names the option."""
     return REPLAY.given(options, f"replay:{target}").number("start_s")
 
 
@@ -287,7 +295,10 @@ def _from_url(target: str, options: dict[str, str], need_poses: bool) -> tuple[R
 def _transform_names(
     poses: Sequence, probe: str, reference: str | None, required: bool
 ) -> tuple[str | None, str | None]:
-    """(transform of the tool, transform of the reference or None) for open_recording's rule."""
+    """Returns (transform of the tool, transform of the reference or None) by the rule of open_recording.
+
+    Where the transforms are missing, raises RecordingError if they are required, and returns None for both if not.
+    """
     there = poses.transform_names()
     target = reference or "Reference"
     direct, tool, fixed = f"{probe}To{target}", f"{probe}ToTracker", f"{target}ToTracker"
@@ -311,7 +322,7 @@ def _transform_names(
 
 
 def _how_to_name(there: list[str]) -> str:
-    """What to do about a pose that has another name, by the transforms that are there."""
+    """Returns what to do about a pose that has another name, judged by the transforms that are there."""
     parts = [name.rpartition("To") for name in there]
     ends = "Reference", "Tracker"
     tools = {tool for tool, _, end in parts if tool not in ("", "Reference", "Image") and end in ends}
@@ -331,7 +342,9 @@ def _how_to_name(there: list[str]) -> str:
 
 
 def _witness_name(poses: Sequence, tool: str | None, probe: str, witness: str | None) -> str | None:
-    """Transform of the second body into the frame of the probe's; None where none was named and none is there."""
+    """Returns the name of the transform of the second body, into the frame of the probe's pose; None where none was
+    named and none is there. Raises RecordingError where one was named and is missing.
+    """
     if tool is None:
         return None
     name = f"{witness or 'Witness'}{tool.removeprefix(probe)}"
@@ -344,7 +357,10 @@ def _witness_name(poses: Sequence, tool: str | None, probe: str, witness: str | 
 
 
 def _in_time_order(sequence: Sequence) -> tuple[tuple[tuple[int, int], ...], int]:
-    """((t_ns, index), …) of the entries that are later than all before them, and the number of the others."""
+    """Returns ((t_ns, index), …) of the entries that are later than all before them, and the number of the others.
+
+    Raises RecordingError where too many are out of order, or the rest are too far apart.
+    """
     kept: list[tuple[int, int]] = []
     for index in range(len(sequence)):
         t_ns = sequence.stamp_ns(index)

@@ -1,4 +1,6 @@
-"""A stored sequence of pictures, poses or both, of whatever kind its first bytes say it is."""
+"""Opens a stored sequence of pictures, poses or both: a table by the suffix of its name, any other kind by its first
+bytes.
+"""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,18 +16,20 @@ from probewatch.drivers.trackers.plus_transform import TransformReading
 
 _HEAD_BYTES = 12
 _FILMS = ((4, b"ftyp"), (0, b"RIFF"), (0, b"\x1a\x45\xdf\xa3"), (4, b"moov"))
-"""(offset, first bytes) of MP4 and MOV, AVI, MKV and WebM, by the formats' own definitions."""
+"""(offset, bytes) by which MP4 and MOV, AVI, MKV and WebM are recognised, from the formats' own definitions."""
 
 
 class Sequence(Protocol):
-    """Entries by index, each of a time, with a picture or transforms or both; as of MetaImage."""
+    """Represents entries by index, each with a time, and with a picture, transforms or both. The methods are those of
+    MetaImage.
+    """
 
     @property
     def path(self) -> Path: ...
 
     @property
     def size_px(self) -> tuple[int, int] | None:
-        """(width, height) of the pictures, None where there are none."""
+        """Returns (width, height) of the pictures, None where there are none."""
         ...
 
     def __len__(self) -> int: ...
@@ -33,7 +37,7 @@ class Sequence(Protocol):
     def transform_names(self) -> list[str]: ...
 
     def misnamed(self) -> list[str]:
-        """Fields that may be transforms, by what they hold, and have not the name of one."""
+        """Returns the names of fields whose content may be a transform, but whose name is not that of one."""
         ...
 
     def stamp_ns(self, index: int) -> int: ...
@@ -48,7 +52,7 @@ class Sequence(Protocol):
 
 
 def read_sequence(path: Path, orientation: str | None = None) -> Sequence:
-    """Its header is checked, its pictures stay on the disk. Raises RecordingError."""
+    """Returns the sequence, with its header checked; its pictures stay on the disk. Raises RecordingError."""
     if path.suffix.lower() == ".csv":
         return PoseTable(path)
     try:

@@ -132,7 +132,7 @@ def show(number: int | None, folder: Path, content: bool) -> None:
 
 
 def _paperwork(folder: Path, history: History, entry: Entry, language: str) -> Iterator[tuple[str, str]]:
-    """Yields (name, text) of who made and signed it and how long it is valid; "!" names what must not be relied on."""
+    """Yields (name, text) on who made and signed it and how long it is valid; "!" marks what must not be relied on."""
     content = content_of(folder, entry)
     dates = dates_of(entry, history.entries, content, _due_days())
     stated, now = provenance_of(content), datetime.now(UTC)
@@ -306,7 +306,7 @@ def _refuse_unusable(file: Path) -> None:
         remedy = f"To go back to reference {file.name}: probewatch calibration back {file.name}"
         raise ConfigurationError("is no file", str(file), remedy)
     content = calibration_bytes(file)
-    if not is_device_set(content):  # which only the pictures of the cart make whole
+    if not is_device_set(content):  # a device set is complete only with the picture size of the cart
         candidate_from_content(content, str(file), None, "Probe")
 
 

@@ -31,7 +31,8 @@ from probewatch.tools.shared.named_cart import cart_language, file_argument, spe
 from probewatch.tools.shared.unit_sight import is_of_the_unit
 
 _TRIAL_S = 2.0
-"""For which a device is tried: forty pictures of a slow scanner, and a person does not wait long. Not varied."""
+"""Time, s, for which a device is tried: forty pictures of a slow scanner, and not long for a person to wait. Not
+varied."""
 _PROFILES: dict[Profile, str] = {
     "coarse": "3 deg, 5 %, 4 mm, 60 ms: finds a wrong or bent marker body, cable, depth; the one to begin with",
     "clinical": "1.5 deg, 3 %, 2.5 mm, 30 ms, a point within 4 mm: optical tracker, phantom; open more often",
@@ -152,7 +153,7 @@ def _known(text: str, file: Path) -> Config:
 
 
 def _trying(language: str) -> Callable[[str, str], None]:
-    """Returns what tests the device of a (URL, kind) and says so in the language."""
+    """Returns a function that tests the device of a (URL, kind) and reports in the language."""
 
     def try_it(url: str, kind: str) -> None:
         click.echo(told("  trying {url} for {seconds} s …", language, url=url, seconds=f"{_TRIAL_S:g}"))
@@ -179,7 +180,7 @@ def _try(url: str, kind: str, language: str) -> None:
 
 
 def _connected(kind: str, taken: str = "") -> Iterator[tuple[str, str]]:
-    """Returns (URL, title) of each connected device of that kind that no other URL uses. Options that the driver
+    """Yields (URL, title) of each connected device of that kind that no other URL uses. Options that the driver
     requires must be typed.
     """
     for driver in (one for one in real_drivers(kind) if one.is_listed):
@@ -312,7 +313,7 @@ def _write(file: Path, before: str | None, new: str, yes: bool, person: Responde
         raise ConfigurationError("was changed by another program meanwhile", str(file), "Run the command again")
     target = file.resolve()
     with writing(target) as stream:
-        if target.exists():  # who may read it, and whose it is, stays: a URL may hold a password
+        if target.exists():  # mode and owner stay, as a URL may hold a password
             was = target.stat()
             os.fchmod(stream.fileno(), was.st_mode & 0o777)
             os.fchown(stream.fileno(), was.st_uid, was.st_gid)

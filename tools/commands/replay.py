@@ -174,7 +174,7 @@ def command(
 
 @dataclass(frozen=True)
 class _Names:
-    """Options for opening a recording."""
+    """Holds the options for opening a recording."""
 
     poses: Path | None
     probe: str | None
@@ -299,7 +299,7 @@ def _judging(config_path: Path) -> Judging:
 
 
 def _progress(total: int | None) -> Callable[[Iterable[_Item]], Iterator[_Item]]:
-    """Returns a progress bar; `total` is None where it is not known."""
+    """Returns a function that shows a progress bar over items; `total` is None where their number is not known."""
     console = Console(stderr=True)
 
     def shown(items: Iterable[_Item]) -> Iterator[_Item]:

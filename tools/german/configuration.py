@@ -1,4 +1,4 @@
-"""German of what is wrong in a configuration, in the URL of a device, and of what `configure` refuses."""
+"""Holds the German texts on what is wrong in a configuration or a device's URL, and on what `configure` refuses."""
 
 from probewatch.tools.german.free_texts import FreeTexts
 
@@ -58,14 +58,14 @@ GERMAN_OF_MISTAKES = {
     "[limits] named_nats is not set by hand. Learn it, probewatch noise, and name the file in [noise]": (
         "[limits] named_nats wird nicht von Hand gesetzt. Lernen (probewatch noise), und die Datei in [noise] nennen"
     ),
-    # as a refusal in one line has them, and what the service has left
+    # as in a refusal in one line, and in what the service has left behind
     "the service does not watch, since {utc}: {said}": "der Dienst überwacht nicht, seit {utc}: {said}",
     "{said}; then {command}": "{said}; dann {command}",
     "line {number}: {said}": "Zeile {number}: {said}",
     "{said}. {then}": "{said}. {then}",
     "{said}; {then}": "{said}; {then}",
 }
-"""Of a configuration file, one mistake each."""
+"""Texts on a configuration file, one mistake each."""
 
 GERMAN_OF_URLS = {
     "names no device": "nennt kein Gerät",
@@ -109,7 +109,7 @@ GERMAN_OF_URLS = {
     "Permission denied": "keine Berechtigung",
     "Is a directory": "ein Ordner",
 }
-"""Of the URL of a device: what is wrong, and what to do."""
+"""Texts on the URL of a device: what is wrong, and what to do."""
 
 GERMAN_OF_CONFIGURING = {
     "Mend it; config/probewatch.toml shows every key": "Berichtigen; config/probewatch.toml zeigt jeden Schlüssel",
@@ -152,7 +152,7 @@ GERMAN_OF_CONFIGURING = {
     "is not HOST:PORT": "ist nicht HOST:PORT",
     "Such as {list}": "Wie {list}",
 }
-"""Of `configure`, `check` and addresses that other commands are given: what is wrong, and what to do."""
+"""Texts of `configure` and `check`, and on addresses that other commands are given: what is wrong, and what to do."""
 
 _WORDS = {
     "a tracker": "ein Tracker",
@@ -175,7 +175,8 @@ _SHAPES = {
     "file": r"\S+",
     "name": r"\w+",
 }
-"""Of fields that stand for no text: an error with a word of another kind stays English, as half of it would be."""
+"""Field that does not stand for a text → what it may be. An error with a word of another kind stays English, as half of
+it would be English otherwise."""
 
 _TEXTS = FreeTexts({**GERMAN_OF_MISTAKES, **GERMAN_OF_URLS, **GERMAN_OF_CONFIGURING}, _WORDS, _SHAPES)
 

@@ -135,8 +135,8 @@ class PathResidual:
         reach_mm = reference.scale_mm_per_px * reference.image_size_px / np.sqrt(12)
         tilts = np.array([reach_mm[1], reach_mm[0], _TURN_MM])[:, None] * np.cumsum(reference.rotation @ turn, axis=1)
         self.away_mm = np.vstack([self.elevation_mm, self.blocks.means(tilts)])
-        """That displacement, then those by tilt about lateral and about axial, root mean square over the picture, and
-        that by turns in the plane, as far as they change the speckle, (4, m) mm."""
+        """Displacements, (4, m) mm: elevation_mm, those by tilt about lateral and about axial as root mean square over
+        the picture, and that by turns in the plane, as far as they change the speckle."""
         if not self.rigid:
             followed = self.seen(NOTHING)[1] - self.way_mm[1]
             steps = (self.blocks.steps(path, _FOLLOW_BLOCKS) for path in (self.pressed_mm, followed))

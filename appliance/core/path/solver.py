@@ -41,7 +41,7 @@ _ITERATIONS = 4
 """Largest number of Gauss–Newton steps of the last round; near the reference a step of less than 1e-6 mostly ends it
 sooner."""
 _GIVES_WAY = 0.1
-"""Share from which tissue is said to give way. For a phantom it came to .03 at most (simulated gesture, 10 s)."""
+"""Share above which tissue counts as giving way. For a phantom it came to .03 at most (simulated gesture, 10 s)."""
 _LONGEST_STEP = np.array([0.3] * 3 + [0.3] * 2 + [30.0] * 3 + [0.3] + [0.5] * 3)
 """Largest Gauss–Newton step: rad, relative, mm, s, and that of the tissue. Where a held probe shows next to nothing, a
 longer one leaves the region in which the rows are linear, and rotations ran away to several turns. Not varied."""

@@ -44,7 +44,7 @@ class Wanted:
 
 
 class Recalibration:
-    """Carries out what the supervisor grants. took: is called with every reference that comes into force."""
+    """Carries out what the supervisor grants. took: called with every reference that comes into force."""
 
     def __init__(
         self,
@@ -95,7 +95,7 @@ class Recalibration:
         self._take(candidate, self._origin(wanted, candidate), wanted.who, change)
 
     def abort(self) -> None:
-        """Returns to the reference that was in force before. Raises ControlRefused."""
+        """Goes back to the reference that was in force before. Raises ControlRefused."""
         self._ask(Request.ABORT_RECALIBRATION)
 
     def follow(self, before: State, after: State) -> None:
@@ -146,7 +146,7 @@ class Recalibration:
         self._refer(self._references.take(candidate, origin, who, text, to_show, relative_pose))
 
     def _origin(self, wanted: Wanted, candidate: Candidate) -> str:
-        """Where it came from, as the history has it."""
+        """Returns where the candidate came from, as the history states it."""
         if wanted.number is not None:
             return f"went back to {wanted.number}"
         if wanted.scanned:
@@ -169,8 +169,8 @@ class Recalibration:
         self._took(reference)
 
     def _return(self) -> None:
-        """Returns to the previous reference. The pose of a second marker body stays known: what it slid by in the
-        meantime is named, as after a restart.
+        """Goes back to the previous reference. The relative pose of a second marker body stays known, so that a slip in
+        the meantime is reported, as after a restart.
         """
         before, current = self._before, self._references.current
         if before is not None and (current is None or before.entry.number != current.entry.number):

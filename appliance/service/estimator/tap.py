@@ -27,7 +27,7 @@ _WANTED, _EPOCH, _COUNTS = 0, 1, 8
 """Offsets in the page: what is wanted, a count of subscriptions begun, and the counts that the status reports."""
 _COUNTED = struct.Struct("<3Q")  # clients, lost, dropped
 NOTHING, ALL_BUT_PICTURES, PICTURES = 0, 1, 2
-"""What the feed subscribes to."""
+"""Values of a subscription, by what the feed receives."""
 
 
 class Subscription:
