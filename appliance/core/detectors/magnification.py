@@ -1,7 +1,7 @@
-"""How much the picture has been magnified little by little: an animated zoom never breaks a chain of pictures.
+"""Measures how much the picture has been magnified little by little: an animated zoom never breaks a chain of pictures.
 
-Each picture is held against the last one that it is still like, which the registration has followed to where it is now;
-what is measured between them is added up.
+Each picture is compared with an earlier one that it is still like, which the registration has followed to where it is
+now; what is measured between such pictures is added up.
 """
 
 from collections import deque
@@ -21,38 +21,42 @@ from probewatch.appliance.types import Calibration
 from probewatch.drivers.rigid import Array
 
 _OVER_NS = 1_000_000_000
-"""Over which it is added up. Longer adds up more noise, and the strain of tissue under a hand that presses; shorter
-misses slow animations: scanners take a quarter to half a second."""
+"""Time, ns, over which magnification is added up. Longer adds up more noise, and the strain of tissue under a hand that
+presses; shorter misses slow animations: scanners take a quarter to half a second."""
 _ALIKE, _EVERY_NS = 0.8, 400_000_000
-"""Likeness below which, and time after which, the next is measured: a stretch by 5 % leaves .8. Less likeness leaves
-fewer parts to measure, more adds up the noise of more measurements."""
+"""Likeness below which, and time, ns, after which the next magnification is measured: a stretch by 5 % leaves .8. Less
+likeness leaves fewer parts to measure, more adds up the noise of more measurements."""
 _LEAST_SIDE_PX = 48
-"""Side of what both pictures show, px of the small one: less leaves too few parts side by side."""
+"""Least side, px of the small picture, of what both pictures show: less leaves too few parts side by side."""
 _MOST_TURN_RAD = np.deg2rad(0.5)
-"""Between the two: speckle that turns in a beam that does not looks shrunk across it, by 1 % a degree and more."""
+"""Largest turn, rad, between the two pictures: speckle that turns in a beam that does not turn looks shrunk across it,
+by 1 % a degree and more."""
 _LEAST = 0.07
-"""Change of the logarithm of an axis: a zoom of 1.3 over half a second changes .018 from picture to picture. In five
-healthy sessions of the study it came to .046 at most. Less takes noise for it, more misses what is animated."""
+"""Least change of the logarithm of an axis for a zoom: one of 1.3 over half a second changes it by .018 from picture to
+picture. In five healthy sessions of the study it came to .046 at most. Less takes noise for a zoom, more misses what is
+animated."""
 _LEAST_STRAIN = 0.12
-"""The same where one axis has more: tissue under a hand is strained, and a shadow's edge draws one axis."""
+"""The same where one axis changes more than the other: tissue under a hand is strained, and the edge of a shadow draws
+one axis."""
 _EVEN = 0.6
-"""Ratio of the smaller of both axes to the larger, from which it is a zoom: tissue that is pressed is strained along
-one. What the face has been pressed by, as a share of the picture's height, is allowed beside: no tissue between the
+"""Ratio of the smaller of both axes to the larger, from which the change is a zoom: tissue that is pressed is strained
+along one axis. The press of the face, as a share of the picture's height, is allowed in addition: no tissue between the
 face and the lower edge of the picture is strained by more on average, nor as much to either side. A press of 3 mm
 strained 21 mm of a half space by .14 and .1 (study, gesture, half-20)."""
 
 
 _LEAST_GAIN = 0.4
-"""Share of what the measured stretches moved parts apart by which they leave less of that motion than shifts and turns
-do. Of zooms by 30, 10 and −20 % and a stretch by 20 % in half a second, in-plane over rigid and half-30+deep, .46 to
-.97; of an organ that slid by 8 mm under its wall −.53 to .35 in twelve cases that were taken for a zoom or a stretch
-(study, organ-8-lateral, seeds 1, 2, 30 s). Less takes sliding for a zoom, more misses slow ones under a quick hand."""
+"""Least ratio of the motion that the measured stretches explain beyond shifts and turns (`gained_px`) to the distance
+by which they moved parts apart (`apart_px`). For zooms by 30, 10 and −20 % and a stretch by 20 % in half a second,
+in-plane over rigid and half-30+deep, it was .46 to .97; for an organ that slid by 8 mm under its wall −.53 to .35 in
+twelve cases that were taken for a zoom or a stretch (study, organ-8-lateral, seeds 1, 2, 30 s). Less takes sliding for
+a zoom, more misses slow zooms under a quick hand."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Look:
-    """A comparison of two pictures. log_zoom: (2,), pressed: (2,) as of `pressed_between`, apart_px and gained_px as of
-    Stretch.
+    """Holds a comparison of two pictures. log_zoom: (2,) logarithm of the magnification, lateral and axial. pressed:
+    (2,) as in `pressed_between`. apart_px, gained_px: as in `Stretch`.
     """
 
     t_ns: int
@@ -63,7 +67,7 @@ class _Look:
 
 
 class Magnification:
-    """Takes every picture that was followed from the one before."""
+    """Adds up the magnification over pictures, each of which was followed from the one before."""
 
     def __init__(self, aspect: float) -> None:
         """aspect: λ_axial ÷ λ_lateral."""
@@ -71,7 +75,7 @@ class Magnification:
         self.restart()
 
     def restart(self) -> None:
-        """What comes is not compared with what came."""
+        """Starts again: later pictures are not compared with earlier ones."""
         self._base: Array32 | None = None
         self._base_ns = 0
         self._path: Warp = (np.zeros(2), 0.0)
@@ -79,8 +83,8 @@ class Magnification:
         self._measured: deque[_Look] = deque()
 
     def step(self, t_ns: int, picture: Array32, way: Warp, pressed: Array) -> None:
-        """Take the next small picture. way: of its tissue since the one before, px of it and rad. pressed: since
-        then, as of `pressed_between`.
+        """Takes the next small picture. way: displacement of its tissue since the picture before, px of the small one
+        and rad. pressed: that since the picture before, as in `pressed_between`.
         """
         self._path = compose(self._path, way, self._aspect)
         self._pressed += pressed
@@ -101,9 +105,7 @@ class Magnification:
         self._begin(t_ns, picture)
 
     def crept(self) -> PictureChange | None:
-        """The magnification of the last second, reported once; None where it is none but a hand's, or tissue's that
-        slides.
-        """
+        """Returns the magnification of the last second, once; None where a hand or sliding tissue makes it."""
         if sum(look.gained_px for look in self._measured) < _LEAST_GAIN * sum(look.apart_px for look in self._measured):
             return None
         log_zoom = sum((look.log_zoom for look in self._measured), np.zeros(2))
@@ -113,10 +115,11 @@ class Magnification:
         return change
 
     def _in_both(self, picture: Array32) -> tuple[Array32, Array32]:
-        """What of the picture was seen in the one before, as it was there, and as it is."""
+        """Returns what the base and this picture both show: as of the base, carried to its place now, and as it is."""
         assert self._base is not None
         height, width = picture.shape
         M, middle = warp_matrix(self._path[1], self._aspect), (np.array([width, height]) - 1) / 2
+        # What both show lies within the inner bounds of the base's carried corners, clipped to the picture.
         corners = np.array([[-1, -1], [-1, 1], [1, -1], [1, 1]]) * middle @ M.T + middle + self._path[0]
         left, right = max(corners[:2, 0].max(), 0), min(corners[2:, 0].min(), width - 1)
         top, bottom = max(corners[::2, 1].max(), 0), min(corners[1::2, 1].min(), height - 1)
@@ -129,8 +132,8 @@ class Magnification:
 
 
 def pressed_between(reference: Calibration, before: View, now: View) -> Array:
-    """(2,) shares of the picture's height by which the face went down and one end of it was rocked, by the tracker; 0
-    where a pose is missing.
+    """Returns the shares of the picture's height, (2,), by which the face went down and by which one end of it was
+    rocked, by the tracker; 0 where a pose is missing.
     """
     if before.pose is None or now.pose is None:
         return np.zeros(2)
@@ -140,15 +143,16 @@ def pressed_between(reference: Calibration, before: View, now: View) -> Array:
 
 
 def is_even(log_zoom: Array) -> bool:
-    """Whether (2,) logarithms of a zoom are alike, as a scanner's are and those of tissue that is pressed are not."""
+    """Returns whether the logarithms of a zoom, (2,), are alike: a scanner's are, those of pressed tissue are not."""
     first, second = log_zoom
     return bool(first and second and min(first / second, second / first) >= _EVEN)
 
 
 def magnified(log_zoom: Array, pressed: Array) -> PictureChange | None:
-    """The change that a gradual magnification makes, None where a hand alone explains it. log_zoom: (2,), lateral and
-    axial. pressed: of the face meanwhile, as of `pressed_between`. A stretch along one axis has no name, as strained
-    tissue looks alike: it voids what was shown.
+    """Returns the change that a gradual magnification makes; None where a hand alone explains it.
+
+    log_zoom: (2,), lateral and axial. pressed: that of the face meanwhile, as in `pressed_between`. The change is
+    unnamed for a stretch along one axis, because strained tissue looks alike: it voids what was shown.
     """
     even = is_even(log_zoom)
     if np.max(np.abs(log_zoom)) < (_LEAST if even else _LEAST_STRAIN) + np.abs(pressed).sum():

@@ -1,10 +1,12 @@
-"""Sees the picture's geometry change from one live picture to another, whatever lies between: no motion is needed.
+"""Detects changes of the picture's geometry from one live picture to another, whatever lies between, and needs no
+motion.
 
 What motion has shown of a calibration holds for a chain of pictures that show the same tissue in the same geometry. A
-picture that the Real-time Tracker follows, and that is as much like the one before as usual, goes on with the chain.
-Any other is held against the last picture of the chain: mirrored, magnified or stretched, it shows what the operator,
-or the frame grabber, has changed; where it shows the same tissue, where the tracker says it should be, the chain goes
-on. Until one does, the line sees nothing that it could hold against the reference; soon it has shown nothing any more.
+picture that the Real-time Tracker follows, and that is as much like the one before as usual, continues the chain. Any
+other is compared with the last picture of the chain: mirrored, magnified or stretched, it shows what the operator, or
+the frame grabber, has changed; where it shows the same tissue, where the tracker says it should be, the chain goes on.
+Until a picture continues it, the line sees nothing that it could compare with the reference, and soon nothing counts as
+shown any more.
 """
 
 from collections import deque
@@ -47,65 +49,66 @@ from probewatch.drivers.rigid import Array
 REPORTS_FAULTS = (Fault.POLARITY, Fault.SCALE)
 
 _CALM_FRAMES = 5
-"""Pictures of the chain before what comes after it is explained. Fewer explain what comes after a scene that was lost
-anyway; more miss two events in close succession. Not measured.
-"""
+"""Number of pictures a chain must have before what comes after it is explained. Fewer explain what comes after a scene
+that was lost anyway; more miss two events in close succession. Not measured."""
 _FELL = 0.12
-"""Fall of the likeness of the picture before, carried on as the registration has it, below that of the last pictures,
-from which one that was followed is held against it. Of healthy motion one in a hundred falls so far, of pictures
-stretched by 6 % all (six sessions of two seconds). Less asks more often, 20 ms each time, more misses small ones."""
+"""Fall of the likeness to the picture before, carried on as the registration has it, below that of the last pictures,
+from which a picture is compared with the last of the chain although it was followed. In healthy motion one picture in a
+hundred falls so far, of pictures stretched by 6 % all do (six sessions of two seconds). Less compares more often, 20 ms
+each time, more misses small stretches."""
 _FELL_LITTLE = 0.03
-"""Fall of the same likeness from which the picture is searched for a stretch alone. Windows of 19 mm that were
-stretched laterally by 4 to 6 % fell by .05 to .13. Of healthy pictures one to ten in a hundred fall so far, and none of
-768 had a stretch by 1.5 % or more (eighteen sessions of nine worlds, with a window and without). Less searches more
+"""Fall of the same likeness from which the picture is searched for a stretch only. In windows of 19 mm that were
+stretched laterally by 4 to 6 % it fell by .05 to .13. Of healthy pictures one to ten in a hundred fall so far, and none
+of 768 had a stretch by 1.5 % or more (eighteen sessions of nine worlds, with a window and without). Less searches more
 often, 2 ms each time; more misses small stretches."""
 _LEAST_OF_LIMIT = 0.8
-"""Smallest stretch that counts ÷ limit of a scale. Less voids what was shown for changes within the limit, more misses
-those just beyond it. A measured stretch is right to .2 %. Not varied."""
+"""Smallest stretch that counts ÷ limit of a scale. Less voids what was shown because of changes within the limit, more
+misses those just beyond it. A measured stretch is accurate to .2 %. Not varied."""
 _SEARCHES = 3
-"""For a flip or a zoom, 40 ms each, after the chain has ended: the first pictures may be black, or half of another."""
+"""Number of searches for a flip or a zoom, 40 ms each, after the chain has ended: the first pictures may be black, or
+half of another."""
 _LEFT_PX = 1.5
-"""px of the small picture by which a turn may move its edge before it is made: parts are looked for 1 px beside."""
+"""Displacement of the picture's edge, px of the small picture, up to which a turn is not applied: parts are searched
+for 1 px beside."""
 _SWEPT_MM, _SWEPT_MM_PER_S = 0.7, 20.0
-"""Way out of the plane from one picture to the next, and its speed, from which pictures go on with the chain though
-nothing in them does. Less lets a change pass that comes at the very picture of a quick sweep and is not recognised by
-what is left of the speckle; more voids what was shown with each hand that goes elsewhere at once."""
+"""Distance, mm, out of the plane from one picture to the next, and speed, mm/s, from which pictures continue the chain
+though nothing in them does. Less lets a change pass that comes at the very picture of a quick sweep and is not
+recognised by what is left of the speckle; more voids what was shown whenever a hand suddenly goes elsewhere."""
 _TISSUE_MM, _TISSUE_MM_PER_S = 0.5, 10.0
-"""How far beside the place that the poses say tissue may be after a break, and how fast it goes by itself: a breath
-of 12 mm, fifteen a minute, moves it by 9.4 mm/s. More takes a picture that was moved on the screen for tissue that
-moved, less voids what was shown with a blank over a patient who breathes."""
+"""Distance, mm, from the place given by the poses at which tissue may be after a break, and speed, mm/s, at which it
+moves by itself: a breath of 12 mm, fifteen a minute, moves it by 9.4 mm/s. More takes a picture that was moved on the
+screen for tissue that moved, less voids what was shown whenever the picture goes blank over a breathing patient."""
 _COVERED = 5
-"""Pictures in a row with the same part covered after which the cover belongs to the picture: a torn one is alone."""
+"""Number of pictures in a row, covered in part, after which the cover belongs to the picture: a torn one is alone."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Course:
-    """Velocity of the tissue in the picture. per_ns: (2,) widths of the picture, turn_per_ns: rad."""
+    """Holds the velocity of the tissue in the picture. per_ns: (2,) picture widths per ns. turn_per_ns: rad per ns."""
 
     per_ns: Array = field(default_factory=lambda: np.zeros(2))
     turn_per_ns: float = 0.0
 
     def after(self, ns: int, width_px: int) -> Warp:
-        """How far the tissue goes in so long, px and rad."""
+        """Returns how far the tissue goes in `ns`, px and rad."""
         return self.per_ns * ns * width_px, self.turn_per_ns * ns
 
     def changed(self, change: PictureChange) -> "_Course":
-        """The same in the picture as it is now."""
+        """Returns the same course in the picture as it is after the change."""
         turned = self.turn_per_ns * change.polarity[0] * change.polarity[1]
         return _Course(self.per_ns * change.polarity * np.array(change.zoom), turned)
 
 
 class PictureChain(Detector):
-    """Adds up the changes since the reference was in force.
+    """Adds up the changes since the reference came into force.
 
-    A change is named once the picture after it is no change back: one spoilt picture withdraws the OK, and raises
-    no alarm.
+    A change is named once the picture after it does not revert it: one spoilt picture withdraws the OK but raises no
+    alarm.
 
-    tissue: (h, w) bool, the registration's mask, None until it is known. unaveraged: whether pictures are known to hold
-    nothing of those before them: what an averaging scanner smears of a quick hand loses contrast as a fade does.
-    most_ns: for how long the chain waits for a picture that goes on with it; then another begins, and a caller that
-    counts on the first must have given it up.
-    linked: whether the latest picture goes on with the chain.
+    tissue: returns the registration's mask, (h, w) bool, None until it is known. unaveraged: returns whether pictures
+    are known to hold nothing of those before them: what an averaging scanner smears of a quick hand loses contrast as a
+    fade does. most_ns: time for which the chain waits for a picture that continues it; then another begins, and a
+    caller that relies on the first must have given it up. linked: whether the latest picture continues the chain.
     """
 
     def __init__(
@@ -143,7 +146,7 @@ class PictureChain(Detector):
         return not seen.repeated and self.step(seen) is not None
 
     def step(self, seen: Observation) -> PictureChange | None:
-        """The change between the last picture of the chain and this one; None where there was none."""
+        """Returns the change between the last picture of the chain and this one; None where there was none."""
         view = View(seen.t_ns, small(seen.image, self._tissue()), seen.pose)
         direct, last = self._direct, self._last
         self.linked = self._direct = False
@@ -151,7 +154,7 @@ class PictureChain(Detector):
         if last is None or not 0 < view.t_ns - last.t_ns <= self._most_ns:
             carried_on = self._covered_ns is not None and 0 < view.t_ns - self._covered_ns <= self._most_ns
             self._begin(view)
-            # Pictures that are covered in part kept the sight, so that the line has voided nothing by its gap rule.
+            # Pictures that are covered in part kept the sight, so that the gap rule of the line has voided nothing.
             return PictureChange() if carried_on else None
         own = self._own_course(seen, view, last) if direct else None
         way = None if own is None else own.after(view.t_ns - last.t_ns, last.small.shape[1])
@@ -164,6 +167,7 @@ class PictureChain(Detector):
             if change is not None:
                 self._take(change, view)
             return change
+        # Any other picture is compared with the last one of the chain.
         if not comparable(view.small):
             return None
         placed, link = self._link(view, last)
@@ -179,7 +183,7 @@ class PictureChain(Detector):
         return change
 
     def forget_pictures(self, since_ns: int) -> None:
-        """See Detector: what comes next goes on from the last picture all the same, wherever that was."""
+        """See Detector. Later pictures continue from the last one all the same, wherever that was."""
         self.linked = self._direct = False
         self._dissolving.restart()
         self._resting.restart()
@@ -187,14 +191,14 @@ class PictureChain(Detector):
             self._last = replace(self._last, t_ns=min(self._last.t_ns, since_ns - 1))
 
     def on_verified(self, shows: Callable[[Fault], bool], until_ns: int) -> None:
-        """See Detector: the sum of events was wrong or has been undone elsewhere."""
+        """See Detector. The sum of events was wrong, or has been undone elsewhere."""
         if shows(Fault.POLARITY):
             self._polarity = (1, 1)
         if shows(Fault.SCALE):
             self._log_zoom = np.zeros(2)
 
     def checks(self) -> tuple[Check, ...]:
-        """Flipped axes, and magnification of the axis that has more, since the reference; they need no motion."""
+        """Returns the flipped axes and the larger magnification of both axes since the reference; needs no motion."""
         flipped = float(self._polarity.count(-1))
         zoom = float(max(100 * (np.exp(self._log_zoom) - 1), key=abs))
         return (
@@ -203,7 +207,7 @@ class PictureChain(Detector):
         )
 
     def _begin(self, view: View) -> None:
-        """Another chain, of which nothing is known; a picture without anything in it begins none."""
+        """Begins another chain, of which nothing is known; a picture without anything in it begins none."""
         self._followed = self._searches = self._covered = 0
         self._covered_ns = None
         self._astray_px = np.zeros(2)
@@ -236,24 +240,24 @@ class PictureChain(Detector):
         self._searches = self._covered = 0
 
     def _own_course(self, seen: Observation, view: View, last: View) -> _Course | None:
-        """The course by which the picture was followed from the last one of the chain."""
+        """Returns the course by which the picture was followed from the last of the chain; None where it was not."""
         if not seen.followed or seen.warp is None:
             return None
         since_ns = view.t_ns - last.t_ns
         return _Course(seen.warp[0] / seen.image.shape[1] / since_ns, seen.warp[1] / since_ns)
 
     def _goes_on(self, followed: Array32, view: View) -> bool:
-        """Whether a picture is as much like the one before as those before it were. followed: the one before, with its
-        tissue where the registration has it now.
+        """Returns whether a picture is as much like the one before as the pictures before it were like theirs.
+        followed: the picture before, with its tissue where the registration has it now.
         """
         likeness = likeness_in_place(followed, view.small)
-        # The least: of a scanner behind a faster grabber every second picture is like the one before but for noise.
+        # The least, because behind a grabber faster than its scanner every second picture differs by noise alone.
         self._newest, self._fell = likeness, min(self._likenesses, default=0.0) - likeness
         return self._fell <= _FELL
 
     def _stretched(self, followed: Array32, view: View, last: View) -> PictureChange | None:
         """Returns an unnamed change where the picture is stretched, but so little, or in so narrow a window, that the
-        chain goes on; it has no name, because a sliding organ also stretches the tissue beside it. followed: as of
+        chain goes on; it has no name, because a sliding organ also stretches the tissue beside it. followed: as in
         `_goes_on`.
         """
         if self._fell < _FELL_LITTLE:
@@ -262,7 +266,7 @@ class PictureChain(Detector):
         return None if self._change_by(stretch, view, last) is None else PictureChange()
 
     def _faded(self, view: View) -> PictureChange | None:
-        """A change without a name, where a fade ends with this picture; of a still hand `DissolvedPicture` names it."""
+        """Returns an unnamed change where a fade ends here; where the hand is still, `DissolvedPicture` names it."""
         if not self._double_exposure.ended:
             return None
         return None if self._dissolving.still(view) else PictureChange()
@@ -274,8 +278,8 @@ class PictureChain(Detector):
         return change
 
     def _way(self, view: View, last: View) -> Warp:
-        """How far the tissue should have gone since the last picture of the chain, px of the small one and rad: by the
-        tracker, or as it went last.
+        """Returns how far the tissue should have gone since the last picture of the chain, px of the small picture and
+        rad: by the tracker, or, where a pose is missing, as it went last.
         """
         since_ns, width_px = view.t_ns - last.t_ns, last.small.shape[1]
         if view.pose is None or last.pose is None:
@@ -285,9 +289,9 @@ class PictureChain(Detector):
         return moved_mm[:2] * self._px_per_mm * self._reference.polarity, float(turned[2]) * lateral * axial
 
     def _link(self, view: View, last: View) -> tuple[Array32, Link | None]:
-        """The last picture where its tissue is now, and how this one continues it."""
+        """Returns the last picture where its tissue is now, and how this one continues it."""
         moved_px, turn_rad = self._way(view, last)
-        # A small turn is looked for: between its pixels speckle is blurred.
+        # A small turn is left to the search for parts, because rotating a picture blurs its speckle.
         turns = abs(turn_rad) * last.small.shape[1] / 2 > _LEFT_PX
         before = carried(last.small, (np.zeros(2), turn_rad), self._aspect) if turns else last.small
         link = link_between(before, view.small, moved_px, self._offset_limit * self._px_per_mm)
@@ -295,8 +299,8 @@ class PictureChain(Detector):
         return carried(before, (moved, 0.0), self._aspect), link
 
     def _change(self, placed: Array32, view: View, last: View, link: Link | None) -> PictureChange | None:
-        """Returns how the picture has changed, None for not at all. placed: the last picture of the chain where its
-        tissue is now. What is like it as a whole is neither mirrored nor another depth by far. A stretch that is
+        """Returns how the picture has changed; None where it has not. placed: the last picture of the chain where its
+        tissue is now. What is like it as a whole is neither mirrored nor of a very different depth. A stretch that is
         likely, and not certain, gives an unnamed change.
         """
         stretch = closest_stretch(placed, view.small, self._aspect, self._least)
@@ -320,11 +324,11 @@ class PictureChain(Detector):
     def _take_link(
         self, placed: Array32, view: View, last: View, link: Link | None, own: _Course | None, direct: bool
     ) -> None:
-        """Go on with the chain where the picture continues it. One that is covered in part goes on as well, but stays
-        no measure of what comes until it is clear that the cover stays. direct: nothing lies between.
+        """Continues the chain where the picture does. One that is covered in part continues it as well, but later
+        pictures are not compared with it until it is clear that the cover stays. direct: whether nothing lies between.
         """
         if link is None:
-            # A few wires in water: only the registration can decide.
+            # With a few wires in water only the registration can decide.
             if own is not None:
                 self._go_on(view, last, own)
             return
@@ -333,7 +337,7 @@ class PictureChain(Detector):
         turned_rad = 0.0 if own is not None else self._turned_rad(placed, view)
         straight = turned_rad is not None and turned_rad <= self._rotation_limit_rad
         there = (straight or turned_rad is None) and self._may_be_tissue(astray_px, view, last)
-        # Of less speckle a sheared picture leaves parts alike by chance, so that it must be shown to be straight.
+        # With less speckle, parts of a sheared picture are alike by chance, so it must be shown to be straight.
         hurried = link.hurried and straight and (own is not None or link.in_place)
         if there and (link.whole or self._covered >= _COVERED):
             self._astray_px = self._astray_px + astray_px
@@ -346,17 +350,19 @@ class PictureChain(Detector):
             self._dissolving.note_way(link.moved_px)
 
     def _turned_rad(self, placed: Array32, view: View) -> float | None:
-        """Angle by which it was turned or sheared, as steered beams do it; None where too little of it is found again.
+        """Returns the angle by which the picture was turned or sheared, as steered beams shear it; None where too
+        little of it is found again.
 
-        Likeness alone let half of the pictures go on that were sheared by 7°, most of 11°, a quarter of those turned by
-        4°. Turns of the same tissue came to 1.8° at most (study, gesture-hold, seed 1, .13 s apart, 18 pairs).
+        Likeness alone let half of the pictures sheared by 7° go on, most of those sheared by 11°, and a quarter of
+        those turned by 4°. Turns of the same tissue came to 1.8° at most (study, gesture-hold, seed 1, .13 s apart, 18
+        pairs).
         """
         turned_rad = lines_turned(placed, view.small, self._aspect)
         return None if turned_rad is None else float(np.max(np.abs(turned_rad)))
 
     def _may_be_tissue(self, astray_px: Array, view: View, last: View) -> bool:
-        """Whether tissue may have gone so far by itself since the last picture, and all breaks of this chain together
-        hide no offset beyond its limit. Without poses it is not known where it should be.
+        """Returns whether tissue may have gone so far by itself since the last picture, while all breaks of this chain
+        together hide no offset beyond its limit; True without poses, which alone tell where it should be.
         """
         if view.pose is None or last.pose is None:
             return True
@@ -365,7 +371,7 @@ class PictureChain(Detector):
         return bool(np.max(astray_mm) <= most_mm and (np.max(all_mm) <= self._offset_limit or not astray_px.any()))
 
     def _swept_past(self, view: View, last: View) -> bool:
-        """Whether the hand went out of the plane so fast that no tissue can be in both."""
+        """Returns whether the hand went out of the plane so fast that no tissue can be in both pictures."""
         if view.pose is None or last.pose is None:
             return False
         way_mm = out_of_plane_mm(self._reference, last.pose, view.pose)

@@ -1,7 +1,7 @@
-"""What was done to a picture: mirrored, magnified about any place, stretched along its axes, turned or sheared.
+"""Finds what was done to a picture: mirrored, magnified about any place, stretched along its axes, turned or sheared.
 
-Tissue is the proof: a change is found where the earlier picture, changed so, is like the later one, and unchanged is
-not, wherever it may have gone.
+Tissue is the proof: a change is found where the earlier picture, changed in this way, is like the later one, and the
+unchanged one is not, wherever it may have gone.
 """
 
 from collections.abc import Iterator, Sequence
@@ -18,51 +18,56 @@ from probewatch.appliance.core.registration.pyramid import Array32
 from probewatch.drivers.rigid import Array
 
 _LEAST_LIKENESS, _BETTER_BY = 0.55, 0.25
-"""Correlation of the changed picture, and how much more than that of the unchanged one, wherever a fast hand took it.
-Less explains a new scene as a flip or zoom; more misses those with an overlay. In a prototype, not here, a mirrored
-picture came to .92 where the unchanged had .02.
-"""
+"""Least correlation of the changed picture, and by how much it must exceed that of the unchanged one, wherever a fast
+hand took it. Less explains a new scene as a flip or zoom; more misses those with an overlay. In a prototype, not here,
+a mirrored picture came to .92 where the unchanged one had .02."""
 LEAST_STRETCH, _STRETCH_BETTER_BY = 0.035, 0.15
-"""Magnification along an axis from 1, and how much more like the stretched picture must be than the unchanged one."""
+"""Least difference from 1 of the magnification along an axis, and how much more like the later picture the stretched
+one must be than the unchanged one."""
 _EXPLAINED = 0.4
-"""Share of what is not alike that a stretch must explain to be likely. In a window of 19 by 21 mm, held, laterally
-by 4 to 6 %, .58 to .95 (seeds 1 to 6). Less voids what was shown at more breaks of the chain, more misses stretches."""
+"""Share of what is not alike that a stretch must explain to be likely. In a window of 19 by 21 mm, with the probe held,
+lateral stretches by 4 to 6 % explained .58 to .95 (seeds 1 to 6). Less voids what was shown at more breaks of the
+chain, more misses stretches."""
 _ACROSS, _CALM, _AS_ALIKE = 0.3, 0.85, 0.03
-"""Ratio of the stretch across to that down, below which a sliding organ may be the cause; likeness of the pictures
-before, above which nothing slid; and by how much the picture may be less alike than these once the stretch is undone.
-Over organs that breathe by 8 mm along the beam, in pictures of 32 by 21 and 26 by 13 mm, false stretches had ratios of
-0 to .1, and either left the pictures less alike by .2 and more, or came after likenesses of .3 to .8 (study,
-gesture-hold, organ-8-axial, seeds 1 to 3). A larger ratio or likeness leaves real changes of depth without a name, a
-smaller one names organs."""
+"""Ratio of the stretch across to that down, below which a sliding organ may be the cause; likeness of the earlier
+pictures to one another, above which nothing slid; and by how much the picture may be less alike than these once the
+stretch is undone. Over organs that breathe by 8 mm along the beam, in pictures of 32 by 21 and 26 by 13 mm, false
+stretches had ratios of 0 to .1, and either left the pictures less alike by .2 and more, or came after likenesses of .3
+to .8 (study, gesture-hold, organ-8-axial, seeds 1 to 3). A larger ratio or likeness leaves real changes of depth
+unnamed, a smaller one names what organs do."""
 _STARTS = tuple((across, down) for across in (1.0, 0.92, 1.08) for down in (1.0, 0.92, 1.08))
-"""Magnifications about which a stretch is looked for: each finds those within 8 %, so all together 16 %."""
+"""Magnifications about which a stretch is searched for: each finds those within 8 %, so all together 16 %."""
 _TURNS_RAD = tuple(float(turn) for turn in np.deg2rad([0.0, 9.0, -9.0, 18.0, -18.0]))
-"""Turns about which turned lines are looked for: each finds those within 5° or so, all together those up to 22°. More
-ask for time, 3 ms each; a picture that was turned by more is mostly like nothing that was there before."""
+"""Turns, rad, about which turned lines are searched for: each finds those within about 5°, all together those up to
+22°. More cost time, 3 ms each; a picture that was turned by more is mostly like nothing that was there before."""
 _SLACK_PX = 3
-"""px of the small picture by which the hand may go elsewhere than it went last: 12 px of 640. More tries more places by
-chance."""
+"""Distance, px of the small picture, by which the hand may go elsewhere than it went last: 12 px of 640. More admits
+more matches by chance."""
 _MOST_ZOOM, _COARSE_STEP, _FINE_STEP = 2.2, 0.03, 0.015
-"""Most magnification that is tried, up and down, and steps of its logarithm: at first in pictures of half the size,
-where 3 % move the side of what is looked for by half a px, then about the best. Scanners step their depth by a fifth to
-a half, and zoom by 2. More costs time, and what is left in the picture shows less."""
+"""Largest magnification that is tried, up and down, and steps of its logarithm: first in pictures of half the size,
+where 3 % move the side of what is searched for by half a px, then about the best. Scanners step their depth by a fifth
+to a half, and zoom by 2. More costs time, and what is left in the picture shows less."""
 _SEARCHED_PARTS = 7
-"""Parts of 24 that must show something in both pictures: more than one row. With fewer, wires in water and the bright
-rows of a probe in air, any other few lines look like them mirrored and zoomed (recording NwirePhantomFreehand)."""
+"""Number of the 24 parts that must show something in both pictures: more than one row. With fewer, as with wires in
+water and the bright rows of a probe in air, any few other lines look like them mirrored and zoomed (recording
+NwirePhantomFreehand)."""
 _LEAST_ZOOM = 0.02
-"""Up to which a magnification is no new setting."""
+"""Difference from 1 up to which a magnification is not a new setting."""
 _LEAST_GREY = 1.0
-"""Standard deviation of what is looked for, grey levels: black with faint noise has less, dim tissue 5 and more."""
+"""Least standard deviation, grey levels, of what is searched for: black with faint noise has less, dim tissue 5 and
+more."""
 _BEST = 3
-"""Candidates of the coarse search that are looked at again: among those beside each other the best is mostly the
+"""Number of candidates of the coarse search that are tried again: among neighbouring ones the best is mostly the
 first."""
 _FLIPS = {(-1, 1): 1, (1, -1): 0, (-1, -1): -1}
-"""Argument of `cv2.flip` for each polarity that is not the reference's."""
+"""Argument of `cv2.flip` for each polarity other than the reference's."""
 
 
 @dataclass(frozen=True, slots=True)
 class PictureChange:
-    """What happened to the picture: polarity ±1 and magnification, each (lateral, axial)."""
+    """Represents what happened to the picture: polarity ±1 and magnification, each (lateral, axial). A change that has
+    neither is unnamed: it is not known how the picture has changed.
+    """
 
     polarity: tuple[int, int] = (1, 1)
     zoom: tuple[float, float] = (1.0, 1.0)
@@ -70,8 +75,8 @@ class PictureChange:
 
 @dataclass(frozen=True, slots=True)
 class Stretched:
-    """The stretch after which the expected picture is most like the one seen. zoom: of each axis. alike, plain:
-    likeness with it and without it.
+    """Holds the stretch after which the expected picture is most like the one seen. zoom: that of each axis. alike,
+    plain: likeness with the stretch and without it.
     """
 
     zoom: tuple[float, float]
@@ -80,20 +85,20 @@ class Stretched:
 
     @property
     def certain(self) -> bool:
-        """Whether the likeness proves it: a shift alone comes nowhere near."""
+        """Returns whether the likeness proves the stretch: a shift alone comes nowhere near."""
         return self.alike > max(self.plain + _STRETCH_BETTER_BY, _LEAST_LIKENESS)
 
     @property
     def likely(self) -> bool:
-        """Whether it explains a good part of the unlikeness. Layers that are stretched along themselves remain much
-        alike, so that `certain` cannot tell.
+        """Returns whether the stretch explains a good part of the unlikeness. Layers that are stretched along
+        themselves remain much alike, so that `certain` cannot tell.
         """
         return self.alike > max(self.plain + _EXPLAINED * (1 - self.plain), _LEAST_LIKENESS)
 
     def change_beyond(self, least: float, calm: float) -> PictureChange | None:
-        """Returns the change for this stretch: unnamed where it is not certain, or an organ may be its cause; None
-        where it is not likely, or below `least`, a change of the logarithm of an axis. calm: least likeness of the
-        pictures before to one another.
+        """Returns the change for this stretch. It is unnamed where the stretch is not certain, or an organ may be its
+        cause; None where the stretch is not likely, or is not certain and below `least`, a change of the logarithm of
+        an axis. calm: least likeness of the earlier pictures to one another.
         """
         if self.certain:
             return PictureChange(zoom=self.zoom) if self._is_the_scanners(calm) else PictureChange()
@@ -101,8 +106,8 @@ class Stretched:
         return PictureChange() if self.likely and beyond else None
 
     def _is_the_scanners(self, calm: float) -> bool:
-        """Whether no organ that slides along the beam is the cause: that stretches the picture down alone, and leaves
-        the pictures before it less alike.
+        """Returns whether no organ that slides along the beam is the cause: such an organ stretches the picture only
+        down, not across, and leaves the pictures before it less alike.
         """
         across, down = np.abs(np.log(self.zoom))
         return bool(across > _ACROSS * down or (calm > _CALM and self.alike > calm - _AS_ALIKE))
@@ -115,10 +120,11 @@ def closest_stretch(
     least: float = LEAST_STRETCH,
     starts: Sequence[tuple[float, float]] = _STARTS,
 ) -> Stretched | None:
-    """The stretch by `least` and more that makes what was expected most like what is there; None where none is found.
+    """Returns the stretch by `least` and more that makes what was expected most like what is there; None where none is
+    found.
 
-    Small pictures of one size. aspect: λ_axial ÷ λ_lateral. least: magnification of an axis from 1. starts: about which
-    it is looked for, 2 ms each.
+    expected, now: small pictures of one size. aspect: λ_axial ÷ λ_lateral. least: difference from 1 of the
+    magnification of an axis. starts: magnifications about which the stretch is searched for, 2 ms each.
     """
     expected, now = seen_in_both(expected, now)
     best = None
@@ -133,19 +139,21 @@ def closest_stretch(
 
 
 def stretch_of(expected: Array32, now: Array32, aspect: float) -> PictureChange | None:
-    """The stretch that makes what was expected like what is there; None where none does, or a shift nearly as well.
+    """Returns the stretch that makes what was expected like what is there; None where none does, or a shift does nearly
+    as well.
 
-    As `closest_stretch`.
+    The parameters are those of `closest_stretch`.
     """
     found = closest_stretch(expected, now, aspect)
     return PictureChange(zoom=found.zoom) if found is not None and found.certain else None
 
 
 def lines_turned_by(expected: Array32, now: Array32, aspect: float, *, far: bool) -> Array | None:
-    """(2,) rad, as of `Lines`, of what makes the picture that was expected like what is there; None where none does, or
-    a shift nearly as well. far: also of more than some 5°.
+    """Returns the turns, (2,) rad as in `Lines`, that make what was expected like what is there; None where none do, or
+    a shift does nearly as well.
 
-    Small pictures of one size. aspect: λ_axial ÷ λ_lateral.
+    expected, now: small pictures of one size. aspect: λ_axial ÷ λ_lateral. far: whether to search for turns of more
+    than about 5° as well.
     """
     best, turned = max(likeness(expected, now) + _STRETCH_BETTER_BY, _LEAST_LIKENESS), None
     for start_rad in _TURNS_RAD if far else _TURNS_RAD[:1]:
@@ -157,8 +165,10 @@ def lines_turned_by(expected: Array32, now: Array32, aspect: float, *, far: bool
 
 
 def shift_of(before: Array32, now: Array32, expected: Array32) -> Array | None:
-    """(2,) px across and down by which the middle of the earlier picture has moved; None where it is found nowhere, or
-    nearly as well where it was expected. Small pictures of one size. expected: the earlier one, moved.
+    """Returns by how far, (2,) px across and down, the middle of the earlier picture has moved; None where it is found
+    nowhere, or nearly as well where it was expected.
+
+    The pictures are small ones of one size. expected: the earlier picture, moved.
     """
     rows, columns = before.shape[0] // 3, before.shape[1] // 3
     middle = before[rows : before.shape[0] - rows, columns : before.shape[1] - columns]
@@ -171,13 +181,15 @@ def shift_of(before: Array32, now: Array32, expected: Array32) -> Array | None:
 
 
 def searchable(before: Array32, now: Array32) -> bool:
-    """Whether two small pictures show so much that a flip or a zoom of one is not like the other by chance."""
+    """Returns whether two small pictures show so much that a flip or a zoom of one is not like the other by chance."""
     return min(parts_shown(before), parts_shown(now)) >= _SEARCHED_PARTS
 
 
 def flip_or_zoom_of(expected: Array32, now: Array32) -> PictureChange | None:
-    """The flip, the magnification about any place, or both, that makes the earlier picture like this one; None where
-    unchanged, but elsewhere, it does nearly as well. Small pictures of one size.
+    """Returns the flip, the magnification about any place, or both, that make the earlier picture like this one; None
+    where none do, or the unchanged picture does nearly as well elsewhere.
+
+    expected, now: small pictures of one size.
     """
     usual = _found(expected, now, PictureChange())
     if usual >= 1 - _BETTER_BY:
@@ -190,7 +202,7 @@ def flip_or_zoom_of(expected: Array32, now: Array32) -> PictureChange | None:
 
 
 def likeness(a: Array32, b: Array32) -> float:
-    """Correlation of the middle of a, where overlays are rare, with its place in b or a few pixels beside it."""
+    """Returns the correlation of the middle of a, where overlays are rare, with its place in b or a few px beside."""
     rows, columns = a.shape[0] // 10, a.shape[1] // 10
     slack_rows, slack_columns = min(_SLACK_PX, rows), min(_SLACK_PX, columns)
     middle = a[rows : a.shape[0] - rows, columns : a.shape[1] - columns]
@@ -217,7 +229,9 @@ def _near(change: PictureChange) -> Iterator[PictureChange]:
 
 
 def _found(before: Array32, now: Array32, change: PictureChange) -> float:
-    """Best correlation, anywhere, of the middle of one of the two with the other one: of the one that shows less."""
+    """Returns the best correlation, anywhere, of the middle of one of the two pictures with the other one: the middle
+    is that of the one that shows less.
+    """
     mirrored = before if change.polarity == (1, 1) else cv2.flip(before, _FLIPS[change.polarity])
     zoom = change.zoom[0]
     if zoom > 1:
@@ -242,8 +256,8 @@ def _halved(picture: Array32) -> Array32:
 
 
 def _best_match(around: Array32, template: Array32) -> float:
-    """Best correlation of the template with any place that shows as much as it does; 0 where there is nothing to
-    compare.
+    """Returns the best correlation of the template with any place that shows enough, by `DARK`; 0 where there is
+    nothing to compare.
     """
     contrast = contrast_of(template)
     if contrast < _LEAST_GREY:
@@ -253,7 +267,7 @@ def _best_match(around: Array32, template: Array32) -> float:
 
 
 def _contrast(picture: Array32, shape: tuple[int, ...]) -> Array32:
-    """Standard deviation of every part of that shape; of one without any, correlation is of rounding."""
+    """Returns the standard deviation of every part of that shape; where it is 0, a correlation is of rounding only."""
     rows, columns = picture.shape[0] - shape[0] + 1, picture.shape[1] - shape[1] + 1
     size, corner = (shape[1], shape[0]), (0, 0)
     mean = cv2.boxFilter(picture, -1, size, anchor=corner, borderType=cv2.BORDER_CONSTANT)[:rows, :columns]

@@ -1,8 +1,8 @@
-"""Whether the picture is still the one from which on the probe has rested: what changes gradually breaks no chain.
+"""Watches whether the picture is still the one with which the probe came to rest: a gradual change breaks no chain.
 
-Every picture of a rest is held against its first, which nothing drags along. Tissue that moves under a probe at rest
-comes back with the next breath, and passes through what lies between; a picture that has become another one does not
-come back, and one that fades, or is wiped, shows nothing in between but the two.
+Every picture of a rest is compared with the first of that rest, which no gradual change drags along. Tissue that moves
+under a probe at rest comes back with the next breath, and passes through what lies between; a picture that has become
+another one does not come back, and one that fades, or is wiped, shows nothing in between but the two.
 """
 
 from collections import deque
@@ -27,45 +27,48 @@ from probewatch.drivers.rigid import Array
 from probewatch.drivers.samples import Matrix4
 
 _STILL_MM, _STILL_IN_PLANE_MM = 0.5, 2.0
-"""Way out of the plane, and along an axis in it, up to which the probe rests. More compares what no two pictures share,
-less ends a rest by tremor. Not measured."""
+"""Distance, mm, out of the plane, and along an axis in it, up to which the probe rests. More compares pictures that
+have nothing in common, less lets tremor end a rest. Not measured."""
 _LEAST_LIKES = 3
-"""Looks that must find the first picture again before one that does not counts, half a second: what a hand showed
-before it had come to rest is no measure. More misses what changes early in a rest."""
+"""Number of looks, half a second of them, that must find the first picture again before one that does not find it
+counts: what a hand showed before it had come to rest is no measure. More misses what changes early in a rest."""
 _BREATH_NS = 4 * SLOW_BREATH_NS // 3
-"""For which no picture may be like the first: a slow breath, and a third. Less voids what was shown where a
-patient breathes slowly, more lets a picture pass for longer that has become another. Over tissue that breathes by 2
-to 12 mm, 12 to 15 times a minute, it came to 3.7 s at most (study, gesture-hold, 40 to 60 s, seeds 1 to 3)."""
+"""Time, ns, for which no picture may be like the first: a slow breath, and a third. Less voids what was shown where a
+patient breathes slowly, more lets a picture that has become another pass for longer. Over tissue that breathes by 2 to
+12 mm, 12 to 15 times a minute, it came to 3.7 s at most (study, gesture-hold, 40 to 60 s, seeds 1 to 3)."""
 _MEASURED_NS = 600_000_000
-"""Between two searches for what has been magnified little by little: 3 ms each, 30 while the picture is not like the
+"""Time, ns, between two searches for a gradual magnification: each costs 3 ms, or 30 while the picture is not like the
 first one."""
 _KEPT_NS, _MOST_KEPT = 60_000_000, 66
-"""Between two pictures that are kept, and how many: 4 s of them. Fewer miss what tissue that leaps shows in between, or
-slow fades; more cost 80 kB and .2 ms each."""
+"""Time, ns, between two pictures that are kept, and number of those kept: 4 s of them. Fewer miss what leaping tissue
+shows in between, or slow fades; each costs 80 kB and .2 ms."""
 _BLUR_PX = 1.5
-"""Sigma, px of the small picture: speckle so blurred shows another place, and not of half a px beside. More leaves
-too few grains."""
+"""Sigma, px of the small picture: speckle blurred by it differs from that of another place, but not from its own half a
+px beside. More leaves too few grains."""
 _UNLIKE, _MOST_BEYOND = 0.15, 0.025
 """Correlation below which two pictures are different ones, and how far each that lies between them may lie beyond both,
-of their difference squared. Tissue half way between two planes of so little likeness lies .06 and more beyond, by
-Gaussian speckle; the fades of a held probe came to .02. Less misses fades over a hand's tremor, more takes tissue."""
+as a share of their difference squared. Tissue half way between two planes of so little likeness lies .06 and more
+beyond, for Gaussian speckle; the fades of a held probe came to .02. Less misses fades over a hand's tremor, more takes
+tissue for a fade."""
 _MOST_LEAP_PX = 1.5
-"""px of the small picture by which the way of the tissue may change from picture to picture: the registration leaps to
-what fades in, the tissue goes on. Not measured."""
+"""Largest change, px of the small picture, of the displacement of the tissue from one picture to the next: the
+registration leaps to what fades in, while the tissue goes on. Not measured."""
 _STRAINED = 0.05
 """Logarithm of an axis' magnification from which a picture is unlike the first: tissue that a breath strains goes back.
 Less voids what breathing strains, more misses a changed aspect. Not varied."""
 _STRAINED_ACROSS = 0.04
-"""The same across alone, whatever the face pressed: a press strains what lies below it down as well. It came to .022
-at most at rest, with poor contact or a sliding organ in a narrow window, and to .006 over other tissue (study,
+"""The same across alone, whatever the press of the face: a press strains what lies below it down as well. At rest it
+came to .022 at most with poor contact or a sliding organ in a narrow window, and to .006 over other tissue (study,
 gesture-hold, twelve worlds, 112 runs of 20 s)."""
 _LEAST_BETWEEN = 2
-"""Pictures between the two; of fewer the chain of pictures judges."""
+"""Fewest pictures between the two; with fewer the chain of pictures decides."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Kept:
-    """blurred: (h, w) the small picture. path: way of the tissue since the rest began, px of it and rad."""
+    """Holds a picture of the rest. blurred: (h, w), from the small picture. path: displacement of the tissue since the
+    rest began, px of the small picture and rad.
+    """
 
     t_ns: int
     blurred: Array32
@@ -73,10 +76,11 @@ class _Kept:
 
 
 class RestingPicture:
-    """Takes every picture that goes on with the chain.
+    """Compares every picture that continues the chain with the first one of the rest.
 
-    link: a picture where its tissue is in a later one, and how that continues it. aspect: λ_axial ÷ λ_lateral.
-    most_turn_rad: by which no tissue turns. least_strain: leap of the logarithm of an axis that counts.
+    link: returns the earlier picture where its tissue is in the later one, and how the later one continues it. aspect:
+    λ_axial ÷ λ_lateral. most_turn_rad: angle beyond which no tissue turns. least_strain: smallest leap of the logarithm
+    of an axis that counts.
     """
 
     def __init__(
@@ -102,9 +106,10 @@ class RestingPicture:
         self._way: Warp = (np.zeros(2), 0.0)
 
     def step(self, view: View, way: Warp) -> PictureChange | None:
-        """The change since the probe rests; without a name where nothing shows what has become of the picture.
+        """Returns the change since the probe came to rest, unnamed where nothing shows what has become of the picture;
+        None where there is none.
 
-        way: of its tissue since the picture before, px of the small one and rad.
+        way: displacement of its tissue since the picture before, px of the small picture and rad.
         """
         if view.pose is None:
             return None
@@ -125,13 +130,15 @@ class RestingPicture:
         return self._look(view, first, since_ns)
 
     def _left(self, first: Matrix4, now: Matrix4) -> bool:
-        """Whether the probe is elsewhere than where the rest began."""
+        """Returns whether the probe has left the place where the rest began."""
         moved_mm, _ = predicted_motion(self._reference, first, now)
         beside = float(np.max(np.abs(moved_mm[:2]))) > _STILL_IN_PLANE_MM
         return beside or out_of_plane_mm(self._reference, first, now) > _STILL_MM
 
     def _begin(self, view: View, strain: Strain | None = None) -> None:
-        """strain: of this picture against the one in which the rest had begun, where that has not ended."""
+        """Begins a rest with this picture. strain: that of the picture against the one with which the rest had begun,
+        where that rest has not ended.
+        """
         self.restart()
         self._first = view
         if strain is None:
@@ -178,7 +185,9 @@ class RestingPicture:
     def _magnified(
         self, strain: Strain | None, placed: Array32, view: View, first: View, alike: bool
     ) -> PictureChange | None:
-        """Magnification since the rest began, wherever that is to be seen. strain: it, where the picture is alike."""
+        """Returns the change for a magnification, turn or shear since the rest began, wherever one is to be seen; None
+        where there is none. strain: that of the picture, used where the picture is alike.
+        """
         self._measured_ns = view.t_ns
         if alike:
             log_zoom = np.zeros(2) if strain is None else strain.log_zoom
@@ -190,13 +199,14 @@ class RestingPicture:
             if change is not None:
                 return change
         pressed = pressed_between(self._reference, first, view)
+        # A press of the face may explain that much strain, on either axis.
         self._strained = bool(np.max(np.abs(log_zoom)) > _STRAINED + np.abs(pressed).sum())
         if is_across_alone(log_zoom) and abs(log_zoom[0]) > _STRAINED_ACROSS:
             return PictureChange()
         return magnified(log_zoom, pressed)
 
     def _blended(self, view: View) -> bool:
-        """Whether what was shown since the last picture that was another one is nothing but that one and this."""
+        """Returns whether all pictures since the last that was a different one show nothing but that one and this."""
         now = _middle(_blurred(view.small))
         between: list[Array] = []
         for kept in reversed(self._kept):
@@ -207,7 +217,7 @@ class RestingPicture:
         return False
 
     def _carried(self, kept: _Kept) -> Array32:
-        """Where its tissue is now, blurred."""
+        """Returns the kept picture, blurred, where its tissue is now."""
         turned = self._path[1] - kept.path[1]
         way_px = self._path[0] - warp_matrix(turned, self._aspect) @ kept.path[0]
         return carried(kept.blurred, (way_px, turned), self._aspect)
@@ -216,10 +226,11 @@ class RestingPicture:
 def turned_or_sheared(
     turned_rad: Array | None, most_rad: float, reference: Calibration, before: View, now: View
 ) -> PictureChange | None:
-    """A change without a name where lines of the picture have turned by more than a hand and tissue can make them.
+    """Returns an unnamed change where lines of the picture have turned by more than a hand and tissue can turn them;
+    otherwise None.
 
-    turned_rad: (2,) as of `Lines`, None where that is not known. most_rad: by which tissue turns at most. It shears by
-    more where the face drags its skin along, or is pressed into it.
+    turned_rad: (2,) as in `Lines`, None where it is not known. most_rad: largest turn of tissue. Tissue shears by more
+    where the face drags its skin along, or is pressed into it.
     """
     if turned_rad is None:
         return None
@@ -233,8 +244,9 @@ def turned_or_sheared(
 
 
 def _made_by_the_face(reference: Calibration, before: View, now: View) -> tuple[float, float]:
-    """How far lines may be sheared by the way of the face, and how much more they turn where the picture is
-    mirrored, so that it turns the other way than expected; both by the tracker, rad.
+    """Returns two angles by the tracker, rad: how far the motion of the face may shear lines, and how much more they
+    turn where the picture is mirrored, so that it turns the other way than expected. Both are 0 where a pose is
+    missing.
     """
     if before.pose is None or now.pose is None:
         return 0.0, 0.0
@@ -249,13 +261,13 @@ def _blurred(picture: Array32) -> Array32:
 
 
 def _lie_between(pictures: list[Array], one: Array, other: Array) -> bool:
-    """Whether each pixel of all pictures is as one, as the other, or something in between."""
+    """Returns whether the pixels of all pictures lie between those of `one` and `other`, within `_MOST_BEYOND`."""
     low, high = np.minimum(one, other), np.maximum(one, other)
     most = _MOST_BEYOND * float(np.sum((high - low) ** 2))
     return all(float(np.sum((shown - np.clip(shown, low, high)) ** 2)) <= most for shown in pictures)
 
 
 def _middle(picture: Array32) -> Array:
-    """The picture without its edges, which may show another place."""
+    """Returns the picture without its edges, which may show another place."""
     rows, columns = picture.shape[0] // 8, picture.shape[1] // 8
     return np.asarray(picture[rows : picture.shape[0] - rows, columns : picture.shape[1] - columns], float)

@@ -1,4 +1,4 @@
-"""Whether the scanner's screen changed beside a picture that stands: then a person froze it, and the video is alive.
+"""Detects that the scanner's screen changed beside a stationary picture: then a person froze it, and the video is live.
 
 A grabber or a cable that fails repeats everything. A freeze key stops the tissue and shows a mark, a text or a bar for
 the frames kept, where nothing had moved before.
@@ -11,26 +11,30 @@ from numpy.typing import NDArray
 from probewatch.drivers.samples import GreyImage
 
 _STILL_GREY = 8
-"""Change up to which a pixel has not moved. More takes dim tissue for screen; less takes a noisy screen for tissue."""
+"""Change, grey levels, up to which a pixel has not moved. More takes dim tissue for screen; less takes a noisy screen
+for tissue."""
 _DECAY_GREY = 4
-"""By how much each picture forgets what moved before: 2 s at 30 Hz for a change from black to white, so that the
-seconds of a clock count as moving. Less takes a mark that comes again soon for a clock, more a clock for a mark."""
+"""Grey levels by which the memory of what moved fades with each picture: 2 s at 30 Hz for a change from black to white,
+so that the seconds of a clock count as moving. Less takes a mark that comes again soon for a clock, more a clock for a
+mark."""
 _AROUND = np.ones((13, 13), np.uint8)
-"""Nothing has moved within 6 of these pixels of what counts as screen: dim tissue lies between bright. Wider misses
-marks close to the sector; narrower takes a gap in the speckle for screen."""
+"""Neighbourhood, 6 pixels to each side, in which nothing has moved about what counts as screen: dim tissue lies between
+bright tissue. Wider misses marks close to the sector; narrower takes a gap in the speckle for screen."""
 _MARK_GREY = 25
-"""Change that makes a pixel part of a mark. Less counts the ripple of a codec; more misses a dim text. Not measured."""
+"""Change, grey levels, that makes a pixel part of a mark. Less counts the ripple of a codec; more misses a dim text.
+Not measured."""
 _LEAST_SHARE, _MOST_SHARE = 2.5e-4, 0.1
-"""Share of the picture that a mark covers. The least is 9 × 9 px of 640 × 480, smaller than any freeze symbol; a third
-of it is ten pixels of noise. The most is a menu, another detector's. Not measured on real scanners."""
+"""Least and largest share of the picture that a mark covers. The least is 9 × 9 px of 640 × 480, smaller than any
+freeze symbol; a third of it is ten pixels of noise. What covers more than the largest is a menu, which another detector
+reports. Not measured on real scanners."""
 
 _Sparse = NDArray[np.int16]
 
 
 class ScreenChange:
-    """Remembers, while the picture lives, which pixels never move.
+    """Remembers, while the picture is live, which pixels never move.
 
-    seen: since the picture stands, something has appeared where nothing had moved.
+    seen: whether something has appeared, since the picture became stationary, where nothing had moved.
     """
 
     def __init__(self) -> None:
@@ -44,8 +48,10 @@ class ScreenChange:
         self.seen = False
 
     def step(self, sparse: _Sparse, change: _Sparse | None, stands: bool) -> None:
-        """Take the next picture. sparse: (h, w) int16 greys; change: its absolute difference to the one before, None
-        for the first and after another size; stands: the two are the same.
+        """Takes the next picture.
+
+        sparse: (h, w) int16 grey levels. change: its absolute difference from the picture before, None for the first
+        and after another size. stands: whether the two are the same.
         """
         if change is None:
             self.restart()
@@ -56,7 +62,7 @@ class ScreenChange:
         self._before = sparse
 
     def _note(self, change: _Sparse) -> None:
-        """The picture before was live, or is of before the mark."""
+        """Keeps the picture before, which was live, or is from before the mark."""
         assert self._before is not None
         if self._moved is None:
             self._moved = np.full(change.shape, 255, np.int16)
@@ -66,7 +72,7 @@ class ScreenChange:
 
 
 def sparse_of(image: GreyImage) -> _Sparse:
-    """Every second pixel of every second row."""
+    """Returns every second pixel of every second row."""
     return image[::2, ::2].astype(np.int16)
 
 

@@ -1,6 +1,7 @@
-"""How much one picture is stretched against another, along each axis, from how far its parts have moved.
+"""Measures how much one picture is stretched against another along each axis, from how far its parts have moved.
 
-A shift moves all parts alike, a turn moves them across, a stretch moves them apart, whatever it is about.
+A shift moves all parts alike, a turn moves each across its lever arm, and a stretch moves the parts apart, whatever
+point it is about.
 """
 
 from dataclasses import dataclass
@@ -15,38 +16,43 @@ from probewatch.appliance.core.registration.realtime_tracker import Warp
 from probewatch.drivers.rigid import Array
 
 _SIDE_PX, _REACH_PX = 32, 10
-"""px of a picture of 160 columns: side of a part, and how far it is looked for. A larger part is itself torn by a
-stretch, a smaller one is alike elsewhere; at the edge a stretch by 12 % moves it by 8 px, and the hand by some more."""
+"""Side of a part, and distance to which it is searched for, px of a picture of 160 columns. A stretch distorts a larger
+part itself, and a smaller one resembles other places; at the edge a stretch by 12 % moves a part by 8 px, and the hand
+moves it some more."""
 _INSET_PX = 4
-"""From the edge of the picture to the outer parts, so that they may move outwards: further in they show less of a
-stretch; nearer they are lost sooner, as what goes beyond the edge is found at the edge."""
+"""Distance, px, from the edge of the picture to the outer parts, so that they may move outwards. Further in they show
+less of a stretch; nearer they are lost sooner, because what goes beyond the edge is found at the edge."""
 _LEAST_SEEN = 0.3
-"""A row or column counts from this share of the px seen in the fullest one. More narrows a fan to its middle, less
-keeps rows and columns that hold next to nothing. Not varied."""
+"""Fewest pixels seen in a row or column that counts ÷ those seen in the fullest one. More narrows a fan to its middle,
+less keeps rows and columns that hold next to nothing. Not varied."""
 _EDGE = np.ones((3, 3), np.uint8)
-"""Neighbours of a px that must be seen as well: a px at the border holds some of what lies beyond it."""
+"""Neighbours of a pixel that must be seen as well: a pixel at the border holds some of what lies beyond it."""
 _GRID = (5, 4)
-"""Parts across and down: four and more in each direction, so that some behind text or shadow leave enough."""
+"""Number of parts across and down: at least four in each direction, so that enough remain beside text or shadow."""
 _LEAST_ALIKE = 0.4
-"""Correlation of a part with where it is found: less takes another place for it, more loses parts of quick motion."""
+"""Least correlation of a part with the place where it is found. Less takes another place for it, more loses parts in
+quick motion."""
 _ASTRAY_PX, _LEAST_PARTS = 1.5, 9
-"""How far beside the fit a part has been taken for another, and the fewest that decide: less than half of the grid is
-one corner of the picture."""
+"""Distance from the fit, px, from which a part has been mistaken for another, and fewest parts that must lie nearer:
+less than half of the grid is one corner of the picture."""
 _TURNS, _NEAR_PX = 8, 0.3
-"""Rounds of reweighting, and distance from the fit within which a part counts fully: what the vertex of a peak is right
-to."""
+"""Number of rounds of reweighting, and distance from the fit, px, within which a part counts fully: the accuracy to
+which the vertex of a peak is known."""
 _RIGID = 3
-"""Columns of the fit that are no stretch: a shift along two axes, and a turn."""
+"""Number of columns of the fit that are no stretch: a shift along two axes, and a turn."""
 _LOOKS = 2
-"""At a picture that is stretched as found by then: the second finds parts that the first did not, and to .2 %."""
+"""Number of looks, each at the picture stretched as found so far: the second finds parts that the first did not, and is
+accurate to .2 %."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stretch:
-    """magnification: (2,) across and down. warp: (2, 3) from a place in the picture before to its place in this one.
-    apart_px: by how much it moves the parts, without shift and turn. gained_px: by how much less is left of their
-    motion than shift and turn alone leave. Both are medians of the parts; of a stretch that the picture has, they are
-    alike, and of parts that slide along each other next to nothing is gained.
+    """Holds how a picture is stretched against an earlier one.
+
+    magnification: (2,) across and down. warp: (2, 3) from a place in the earlier picture to its place in this one.
+    apart_px: by how much the stretch moves the parts, without shift and turn. gained_px: by how much less of their
+    motion is left than shift and turn alone leave. Both are medians over the parts; for a stretch that the picture has
+    they are alike, and for parts that slide along each other next to nothing is gained.
     """
 
     magnification: Array
@@ -57,9 +63,11 @@ class Stretch:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Lines:
-    """turned_rad: (2,) by which lines across and lines down have turned: alike, but for the sign, in a picture that was
-    turned, one of them in one that was sheared. warp: (2, 3) from a place in the picture before to its place in this
-    one.
+    """Holds by how much the lines of a picture have turned against an earlier one.
+
+    turned_rad: (2,) by which lines across and lines down have turned: in a picture that was turned both are equal but
+    for the sign, in one that was sheared only one of them has turned. warp: (2, 3) from a place in the earlier picture
+    to its place in this one.
     """
 
     turned_rad: Array
@@ -67,8 +75,9 @@ class Lines:
 
 
 def seen_in_both(before: Array32, now: Array32) -> tuple[Array32, Array32]:
-    """Returns both pictures, cropped to the rows and columns in which both show tissue, without its border: border and
-    surroundings stand still on the screen, so that they would hide a stretch. Not cropped below two parts a side.
+    """Returns both pictures, cropped to the rows and columns in which both show tissue, without the border of the
+    tissue, because border and surroundings are stationary on the screen and would hide a stretch. They are not cropped
+    where that would leave less than two parts a side.
     """
     seen = cv2.erode(((before != 0) & (now != 0)).astype(np.uint8), _EDGE).astype(bool)
     before, now = before * seen, now * seen
@@ -82,9 +91,9 @@ def seen_in_both(before: Array32, now: Array32) -> tuple[Array32, Array32]:
 
 
 def stretch_between(before: Array32, now: Array32, aspect: float, start: tuple[float, float]) -> Stretch | None:
-    """The stretch between two pictures (h, w) of the same size; None where too few parts are found again.
+    """Returns the stretch between two pictures (h, w) of the same size; None where too few parts are found again.
 
-    start: magnification about which it is looked for, as far as 8 % beside. aspect: λ_axial ÷ λ_lateral.
+    start: magnification about which the stretch is searched for, up to 8 % beside it. aspect: λ_axial ÷ λ_lateral.
     """
     middle = (np.array(before.shape[::-1]) - 1) / 2
     M = np.diag(start)
@@ -97,9 +106,11 @@ def stretch_between(before: Array32, now: Array32, aspect: float, start: tuple[f
         if found is None:
             return None
         fit, off_px = found
+        # Pixels are not square, so that the aspect scales the turn, as in `_columns`.
         M = np.array([[1 + fit[3], -aspect * fit[2]], [fit[2] / aspect, 1 + fit[4]]])
         warp = M @ warp + np.column_stack([np.zeros((2, 2)), middle + fit[:2] - M @ middle])
         apart = apart + fit[3:]
+        # The parts of the first look show what shift and turn alone leave of the motion.
         first = first or (columns[:, :, :_RIGID], moved)
     assert first is not None
     rigid_px = _fitted(*first)[1]
@@ -109,15 +120,16 @@ def stretch_between(before: Array32, now: Array32, aspect: float, start: tuple[f
 
 
 def lines_turned(before: Array32, now: Array32, aspect: float) -> Array | None:
-    """Lines as of `lines_between`; None where too few parts are found."""
+    """Returns the turns as in `Lines`, found in one look; None where too few parts are found again."""
     found = lines_between(before, now, aspect, 0.0, looks=1)
     return None if found is None else found.turned_rad
 
 
 def lines_between(before: Array32, now: Array32, aspect: float, start_rad: float, looks: int = _LOOKS) -> Lines | None:
-    """How lines turned between two pictures (h, w) of the same size; None where too few parts are found again.
+    """Returns how lines turned between two pictures (h, w) of the same size; None where too few parts are found again.
 
-    start_rad: turn about which it is looked for, as far as 8° beside. aspect: λ_axial ÷ λ_lateral.
+    start_rad: turn about which theirs is searched for, up to 8° beside it. aspect: λ_axial ÷ λ_lateral. looks: as for
+    `_LOOKS`.
     """
     middle = (np.array(before.shape[::-1]) - 1) / 2
     M = warp_matrix(start_rad, aspect)
@@ -135,19 +147,19 @@ def lines_between(before: Array32, now: Array32, aspect: float, start_rad: float
 
 
 def warped(image: Array32, warp: Array) -> Array32:
-    """warp: (2, 3) from a place in the image to where it goes."""
+    """Returns the image after the warp, (2, 3), from a place in the image to where it goes."""
     return np.asarray(cv2.warpAffine(image, warp, (image.shape[1], image.shape[0])), dtype=np.float32)
 
 
 def carried(image: Array32, way: Warp, aspect: float) -> Array32:
-    """The picture after its tissue has gone so far, px and rad about its middle."""
+    """Returns the picture after its tissue has moved by `way`, px and rad about its middle."""
     M = warp_matrix(way[1], aspect)
     middle = (np.array(image.shape[::-1]) - 1) / 2
     return warped(image, np.column_stack([M, middle + way[0] - M @ middle]))
 
 
 def likeness_in_place(a: Array32, b: Array32) -> float:
-    """Correlation of the middle of a with the same place of b; 1 where there is nothing to compare."""
+    """Returns the correlation of the middle of a with the same place of b; 1 where there is nothing to compare."""
     rows, columns = a.shape[0] // 10, a.shape[1] // 10
     middle = np.s_[rows : a.shape[0] - rows, columns : a.shape[1] - columns]
     own, other = (image[middle].ravel() - image[middle].mean() for image in (a, b))
@@ -156,7 +168,7 @@ def likeness_in_place(a: Array32, b: Array32) -> float:
 
 
 def _parts(before: Array32, now: Array32) -> tuple[Array, Array]:
-    """(n, 2) places in the picture before, px from its middle, and (n, 2) px by which what lies there has moved."""
+    """Returns places in the earlier picture, (n, 2) px from its middle, and how far each has moved, (n, 2) px."""
     height, width = before.shape
     places, moved = list[list[float]](), list[list[float]]()
     for row in np.linspace(_INSET_PX, max(height - _SIDE_PX - _INSET_PX, _INSET_PX), _GRID[1]).astype(int):
@@ -173,8 +185,9 @@ def _parts(before: Array32, now: Array32) -> tuple[Array, Array]:
 
 
 def _found(around: Array32, part: Array32) -> tuple[float, float] | None:
-    """Column and row of the part in what is around, to a fraction of a px; None where it is not there, or at the edge
-    of it: then it may be beyond."""
+    """Returns column and row at which the part lies in `around`, to a fraction of a px; None where it is not there, or
+    is found at the edge, because then it may lie beyond.
+    """
     if _is_even(part) or _is_even(around):
         return None
     likeness = np.asarray(cv2.matchTemplate(around, part, cv2.TM_CCOEFF_NORMED), np.float32)
@@ -186,20 +199,20 @@ def _found(around: Array32, part: Array32) -> tuple[float, float] | None:
 
 
 def _is_even(image: Array32) -> bool:
-    """Whether all of it has one grey level."""
+    """Returns whether the whole image has one grey level."""
     darkest, brightest, _, _ = cv2.minMaxLoc(image)
     return darkest == brightest
 
 
 def _vertex(values: Array32, peak: int) -> float:
-    """Where a parabola through the peak, which is at neither end, and its neighbours is highest, −½ … ½."""
+    """Returns where a parabola through the peak, which is at neither end, and its neighbours is highest, −½ … ½."""
     below, at, above = (float(value) for value in values[peak - 1 : peak + 2])
     bend = 2 * at - below - above
     return 0.5 * (above - below) / bend if bend > 0 else 0.0
 
 
 def _columns(places: Array, aspect: float) -> Array:
-    """(n, 2, 5): px by which each part moves by a shift (2), a turn and a stretch (2) of 1."""
+    """Returns how far, (n, 2, 5) px, a shift (2), a turn and a stretch (2) of 1 move each part."""
     x, y = places.T
     one, none = np.ones_like(x), np.zeros_like(x)
     across = np.stack([one, none, -aspect * y, x, none], axis=1)
@@ -208,7 +221,7 @@ def _columns(places: Array, aspect: float) -> Array:
 
 
 def _columns_of_lines(places: Array) -> Array:
-    """(n, 2, 6): px by which each part moves by a shift (2), and by all that keeps lines straight."""
+    """Returns how far, (n, 2, 6) px, a shift (2) and all else that keeps lines straight (4) move each part."""
     x, y = places.T
     one, none = np.ones_like(x), np.zeros_like(x)
     across = np.stack([one, none, x, y, none, none], axis=1)
@@ -217,7 +230,7 @@ def _columns_of_lines(places: Array) -> Array:
 
 
 def _fitted_to_most(columns: Array, moved: Array) -> tuple[Array, Array] | None:
-    """Fit as of `_fitted`; None where fewer than _LEAST_PARTS lie near the fit."""
+    """Returns the fit as `_fitted` does; None where fewer than `_LEAST_PARTS` parts lie near the fit."""
     if len(moved) < _LEAST_PARTS:
         return None
     fit, off_px = _fitted(columns, moved)
@@ -225,8 +238,9 @@ def _fitted_to_most(columns: Array, moved: Array) -> tuple[Array, Array] | None:
 
 
 def _fitted(columns: Array, moved: Array) -> tuple[Array, Array]:
-    """(k,) of the (n, 2, k) columns that move the parts as they have moved, by least distances, so that parts gone
-    astray do not draw it; (n,) px by which each part lies beside that.
+    """Returns the coefficients, (k,), with which the (n, 2, k) columns move the parts as they have moved, and the
+    distance, (n,) px, at which each part lies from that. It minimises distances, not their squares, so that outliers do
+    not draw the fit.
     """
     near = np.ones(len(moved))
     for _ in range(_TURNS):
@@ -234,5 +248,6 @@ def _fitted(columns: Array, moved: Array) -> tuple[Array, Array]:
         straight = weighed.reshape(-1, columns.shape[-1])
         fit = np.asarray(np.linalg.lstsq(straight, (moved * near[:, None]).ravel(), rcond=None)[0])
         off_px = np.linalg.norm(moved - columns @ fit, axis=1)
+        # Squared, this weight is 1 ÷ distance, so that the least squares become least distances.
         near = 1 / np.sqrt(np.maximum(off_px, _NEAR_PX))
     return fit, np.asarray(off_px)
