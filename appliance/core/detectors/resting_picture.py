@@ -15,7 +15,7 @@ import numpy as np
 from probewatch.appliance.core.detectors.magnification import magnified, pressed_between
 from probewatch.appliance.core.detectors.picture_change import PictureChange, lines_turned_by, stretch_of
 from probewatch.appliance.core.detectors.picture_link import Link, View
-from probewatch.appliance.core.detectors.strain_leap import Strain, StrainLeap, is_across_alone
+from probewatch.appliance.core.detectors.strain_leap import LastingStrain, Strain, StrainLeap, is_across_alone
 from probewatch.appliance.core.detectors.stretch import carried, seen_in_both, stretch_between
 from probewatch.appliance.core.motion import out_of_plane_mm, predicted_motion
 from probewatch.appliance.core.registration.keyframe import compose, warp_matrix
@@ -53,9 +53,6 @@ tissue for a fade."""
 _MOST_LEAP_PX = 1.5
 """Largest change, px of the small picture, of the displacement of the tissue from one picture to the next: the
 registration leaps to what fades in, while the tissue goes on. Not measured."""
-_STRAINED = 0.05
-"""Logarithm of an axis' magnification from which a picture is unlike the first: tissue that a breath strains goes back.
-Less voids what breathing strains, more misses a changed aspect. Not varied."""
 _STRAINED_ACROSS = 0.04
 """The same across alone, whatever the press of the face: a press strains what lies below it down as well. At rest it
 came to .022 at most with poor contact or a sliding organ in a narrow window, and to .006 over other tissue (study,
@@ -92,14 +89,14 @@ class RestingPicture:
         link: Callable[[View, View], tuple[Array32, Link | None]],
     ) -> None:
         self._reference, self._aspect, self._most_turn_rad, self._link = reference, aspect, most_turn_rad, link
-        self._leap = StrainLeap(least_strain)
+        self._leap, self._lasting = StrainLeap(least_strain), LastingStrain(least_strain)
         self.restart()
 
     def restart(self) -> None:
         """Forgets the first picture of the rest and all that was measured against it."""
         self._first: View | None = None
         self._likes = 0
-        self._strained = False
+        self._lasting.restart()
         self._still_ns = self._looked_ns = self._measured_ns = self._unlike_ns = 0
         self._kept: deque[_Kept] = deque(maxlen=_MOST_KEPT)
         self._path: Warp = (np.zeros(2), 0.0)
@@ -167,7 +164,8 @@ class RestingPicture:
             change = self._magnified(strain, placed, view, first, alike)
             if change is not None:
                 return change
-        if alike and not self._strained:
+        lasting = self._lasting.step(strain)
+        if alike and not lasting:
             self._likes, self._unlike_ns = self._likes + 1, 0
             return None
         if self._likes < _LEAST_LIKES:
@@ -199,8 +197,6 @@ class RestingPicture:
             if change is not None:
                 return change
         pressed = pressed_between(self._reference, first, view)
-        # A press of the face may explain that much strain, on either axis.
-        self._strained = bool(np.max(np.abs(log_zoom)) > _STRAINED + np.abs(pressed).sum())
         if is_across_alone(log_zoom) and abs(log_zoom[0]) > _STRAINED_ACROSS:
             return PictureChange()
         return magnified(log_zoom, pressed)

@@ -24,6 +24,9 @@ _MOST_LOOKS = 12
 _LEAST_DOWN = 0.5
 """Ratio of the strain down to that across, below which no tissue is the cause: it keeps its volume. More voids what was
 shown over tissue that slides sideways, less misses stretches of the width."""
+_STRAINLESS = 0.25
+"""Ratio to the least strain that counts, up to which a look shows none. The noise of a look is a twentieth. More lets
+tissue that gives way to a small press be blamed for a larger one, less learns nothing from a look. Not varied."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,6 +79,41 @@ class StrainLeap:
         unsteady = np.max([np.ptp(side, axis=0) for side in sides], axis=0)
         pressed = 0.0 if is_across_alone(leap) else float(np.abs(presses[1] - presses[0]).sum())
         return bool(np.any((leap > self._least + pressed) & (unsteady <= _UNSTEADY * leap)))
+
+
+class LastingStrain:
+    """Watches whether the strain of a rest lasts: a breath takes it back. least: as of `StrainLeap`.
+
+    The press of the face is averaged over the looks, as a tremor of the hand goes to and fro. A press that strained
+    nothing earlier in the rest explains nothing.
+    """
+
+    def __init__(self, least: float) -> None:
+        self._least = least
+        self.restart()
+
+    def restart(self) -> None:
+        """Forgets the rest."""
+        self._strainless_press = 0.0
+        self._end()
+
+    def step(self, strain: Strain | None) -> bool:
+        """Returns whether this look and all since the last that was not strained are strained, by more on average than
+        the face pressed meanwhile. strain: None where it is not known.
+        """
+        if strain is None or np.max(np.abs(strain.log_zoom)) <= self._least:
+            self._end()
+            if strain is not None and np.max(np.abs(strain.log_zoom)) <= _STRAINLESS * self._least:
+                self._strainless_press = max(self._strainless_press, float(np.abs(strain.pressed).sum()))
+            return False
+        self._looks += 1
+        self._log_zoom += strain.log_zoom
+        self._pressed += strain.pressed
+        strained, pressed = np.max(np.abs(self._log_zoom)) / self._looks, np.abs(self._pressed).sum() / self._looks
+        return bool(strained > self._least + max(pressed - self._strainless_press, 0.0))
+
+    def _end(self) -> None:
+        self._looks, self._log_zoom, self._pressed = 0, np.zeros(2), np.zeros(2)
 
 
 def is_across_alone(log_zoom: Array) -> bool:

@@ -114,6 +114,16 @@ def test_a_stretch_along_one_axis_that_stays_is_no_breath() -> None:
     assert first(told) >= 80
 
 
+@pytest.mark.parametrize("down", [1.055, 0.945])
+def test_a_small_one_that_stays_is_none_under_a_trembling_hand(down: float) -> None:
+    """It was never told: the face pressed by as much now and then, to and fro."""
+    presses_mm = [0.5 * np.sin(k / 2) for k in range(TEN_S + 20)]
+    poses = [np.asarray(rigid(np.eye(3), np.array([0.0, press, 0.0]))) for press in presses_mm]
+    told = watched((zoomed(1.0, down ** min(k / 20, 1.0)) for k in range(TEN_S + 20)), poses)
+    assert told[first(told)] == PictureChange()
+    assert first(told) >= 80
+
+
 @pytest.mark.parametrize(("across", "down"), [(1.0, 1.055), (1.0, 0.945), (1.055, 1.0), (0.945, 1.0)])
 @pytest.mark.parametrize("lasting", [2, 3])
 def test_a_fade_into_a_small_stretch_is_told_within_a_second(across: float, down: float, lasting: int) -> None:

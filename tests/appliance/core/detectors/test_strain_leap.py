@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from probewatch.appliance.core.detectors.strain_leap import Strain, StrainLeap
+from probewatch.appliance.core.detectors.strain_leap import LastingStrain, Strain, StrainLeap
 
 LOOK_S, LEAST = 1 / 6, 0.035
 
@@ -64,3 +64,37 @@ def test_a_rest_that_begins_anew_amid_a_leap_hides_none_of_it() -> None:
     assert not leap.step(half)
     leap.go_on(half)
     assert [leap.step(strain(k, 0.0, 0.025)) for k in range(3, 6)] == [False, False, True]
+
+
+def lasts(of: Callable[[float], tuple[float, ...]], looks: int = 60) -> list[bool]:
+    """Whether the strain is one that lasts, look by look."""
+    lasting = LastingStrain(LEAST)
+    return [lasting.step(strain(k, *of(k * LOOK_S))) for k in range(looks)]
+
+
+def test_a_strain_that_no_press_explains_lasts() -> None:
+    assert lasts(lambda t: (0.0, 0.05 * (t > 2.0)))[20:] == [True] * 40
+
+
+def test_a_tremor_that_presses_to_and_fro_ends_none() -> None:
+    assert all(lasts(lambda t: (0.0, 0.055 * (t > 2.0), 0.03 * np.sin(5 * t)))[30:])
+
+
+def test_one_that_a_press_explains_does_not_last() -> None:
+    assert not any(lasts(lambda t: (0.0, 0.05 * (t > 2.0), 0.05 * (t > 2.0))))
+
+
+def test_a_press_that_strained_nothing_before_explains_none() -> None:
+    assert all(lasts(lambda t: (0.0, 0.05 * (t > 2.0), 0.05))[20:])
+
+
+def test_one_that_a_breath_takes_back_ends() -> None:
+    told = lasts(lambda t: (0.0, 0.15 * np.sin(np.pi * t / 4.0) ** 2))
+    assert True in told[:12]
+    assert not all(told[k] for k in range(12, 24))
+
+
+def test_a_look_that_measured_none_ends_it() -> None:
+    lasting = LastingStrain(LEAST)
+    assert lasting.step(strain(1, 0.0, 0.05))
+    assert not lasting.step(None)
