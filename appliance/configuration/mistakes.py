@@ -88,9 +88,11 @@ def _described(item: ErrorDetails, model: type[BaseModel]) -> str:
         return f"{_key(place)} is missing"
     if kind == "extra_forbidden":
         return f"{_key(place)} is not known{_advice(place, model)}"
-    if kind in _WORDS:
-        message = _WORDS[kind].format(section=_section(place))
     value = item["input"]
+    if kind == "tuple_type" and not _lists_sections(place, model):
+        message = f"must be a list, written [{_toml(value)}, …]"
+    elif kind in _WORDS:
+        message = _WORDS[kind].format(section=_section(place))
     shown = "" if not place or isinstance(value, dict | list) else f" = {_short(value)}"
     return f"{_key(place)}{shown}: {message[0].lower()}{message[1:]}".removeprefix(": ")
 
@@ -98,6 +100,11 @@ def _described(item: ErrorDetails, model: type[BaseModel]) -> str:
 def _short(value: Any) -> str:
     shown = repr(value).lower() if isinstance(value, bool) else repr(value)
     return shown if len(shown) <= _LONGEST_VALUE else f"{shown[:_LONGEST_VALUE]}…"
+
+
+def _toml(value: Any) -> str:
+    """Returns a value of TOML as it may stand in a list."""
+    return f'"{value}"' if isinstance(value, str) else _short(value)
 
 
 def _section(place: Place) -> str:
@@ -138,6 +145,15 @@ def _known(section: Place, model: type[BaseModel]) -> list[str]:
         if isinstance(part, str) and here is not None:
             here = _model_of(here, part)
     return [] if here is None else [field.alias or name for name, field in here.model_fields.items()]
+
+
+def _lists_sections(place: Place, model: type[BaseModel]) -> bool:
+    """Returns whether the entries of the list in that place are sections."""
+    here: type[BaseModel] | None = model
+    for part in place:
+        if isinstance(part, str):
+            here = None if here is None else _model_of(here, part)
+    return here is not None
 
 
 def _model_of(model: type[BaseModel], name: str) -> type[BaseModel] | None:

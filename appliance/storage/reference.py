@@ -1,5 +1,6 @@
 """Represents a calibration together with the file it came from: as a candidate for the reference, and in force."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -53,6 +54,15 @@ def candidate_from_content(content: bytes, file: str, size_px: Size | None, prob
     """
     calibration = parse_calibration(content, Path(file), size_px, probe)
     return Candidate(calibration, content, sha256_of(content), file, probe)
+
+
+def refuse_simulated(candidate: Candidate, simulated: Sequence[str]) -> None:
+    """Raises ConfigurationError for a calibration that a real cart cannot use. simulated: URLs of the cart's sources
+    that are not real devices.
+    """
+    if candidate.calibration.simulated and not simulated:
+        what = "was made of a simulated scan and cannot be the reference of a cart with real devices"
+        raise ConfigurationError(what, candidate.file, "Scan the cross-wire with this probe: docs/recalibration.md")
 
 
 def candidate_of_entry(folder: Path, entry: Entry) -> Candidate:

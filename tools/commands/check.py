@@ -1,8 +1,10 @@
 """`probewatch check FILE`: lists every mistake in a configuration, without starting anything."""
 
+import grp
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime
+from itertools import chain
 from pathlib import Path
 
 import click
@@ -15,14 +17,16 @@ from probewatch.appliance.configuration.config import (
     is_configured,
 )
 from probewatch.appliance.configuration.mistakes import Mistakes
+from probewatch.appliance.service.host.unix_socket import NO_GROUP, make_group
 from probewatch.appliance.storage.calibration_file import calibration_bytes
 from probewatch.appliance.storage.device_set import remarks
-from probewatch.appliance.storage.reference import candidate_from_content, size_for
+from probewatch.appliance.storage.reference import candidate_from_content, refuse_simulated, size_for
 from probewatch.appliance.storage.reference_dates import stated_dates
 from probewatch.drivers.errors import ConfigurationError
 from probewatch.drivers.registry import check_options
 from probewatch.tools.german.translation import mistake_text, recognised, tell_refused, told
 from probewatch.tools.shared.limits_in_force import remarks as remarks_on_limits
+from probewatch.tools.shared.limits_in_force import remarks_on_ages
 from probewatch.tools.shared.limits_in_force import rows as limit_rows
 from probewatch.tools.shared.named_cart import cart_language, file_argument
 from probewatch.tools.shared.unit_sight import unseen_mistakes
@@ -60,13 +64,18 @@ def command(file: Path) -> None:
     config = config_of(text, file)
     named, language = config.calibration.file, config.alarm.language
     dated = _on_dates(config)
-    for remark in (*calibration_remarks(text, file), *dated, *remarks_on_limits(config.limits, language)):
+    for remark in (*calibration_remarks(text, file), *dated, *_on_limits(config)):
         click.secho(remark, err=True, fg="yellow")
     usable = "{file} can be used; it names no calibration" if named is None else "{file} and {named} can be used"
     click.echo(told(usable, language, file=file, named=named))
     click.echo("\n".join(limit_rows(config.limits, text, language)))
     if not is_configured(file):
         click.echo(told("but the service waits until it says configured = true", language))
+
+
+def _on_limits(config: Config) -> Iterator[str]:
+    language = config.alarm.language
+    return chain(remarks_on_limits(config.limits, language), remarks_on_ages(config, language))
 
 
 def _on_dates(config: Config) -> Iterator[str]:
@@ -103,8 +112,8 @@ def mistakes_in(text: str, file: Path, language: str = "en") -> list[str]:
         config = config_of(text, file)
     except ConfigurationError as error:
         return rows(error, language)
-    own = (*_options(config, file, language), *unseen_mistakes(config, file, language))
-    return [*own, *calibration_mistakes(config.calibration, language)]
+    own = (*_options(config, file, language), *_group(config, file, language), *unseen_mistakes(config, file, language))
+    return [*own, *calibration_mistakes(config.calibration, language, config.simulated)]
 
 
 def rows(error: ConfigurationError, language: str) -> list[str]:
@@ -127,16 +136,28 @@ def _options(config: Config, file: Path, language: str) -> Iterator[str]:
             yield f"{file}: {section} url = '{url}': {error.advice}"
 
 
-def calibration_mistakes(place: CalibrationPlace, language: str) -> list[str]:
+def _group(config: Config, file: Path, language: str) -> Iterator[str]:
+    """Yields the mistake in the group that the sockets are to have on this computer."""
+    group = config.control.group
+    try:
+        if group:
+            grp.getgrnam(group)
+    except KeyError:
+        why = mistake_text(f"{NO_GROUP}. {make_group(group)}", language)
+        yield f"{file}: [control] group = '{group}': {why}"
+
+
+def calibration_mistakes(place: CalibrationPlace, language: str, simulated: Sequence[str]) -> list[str]:
     """Returns why the named file cannot be the reference, one reason per line, in the language; empty where it can, or
-    where none is named.
+    where none is named. simulated: URLs of the sources that are not real devices.
     """
     if place.file is None:
         return []
     try:
         content = calibration_bytes(place.file)
         # For a device set the first picture may determine the size; any size stands for it while nothing is started.
-        candidate_from_content(content, str(place.file), size_for(content, place, _ANY_SIZE_PX), place.probe)
+        size_px = size_for(content, place, _ANY_SIZE_PX)
+        refuse_simulated(candidate_from_content(content, str(place.file), size_px, place.probe), simulated)
     except ConfigurationError as error:
         return rows(error, language)
     return []

@@ -2,7 +2,7 @@
 
 import difflib
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import click
@@ -17,7 +17,7 @@ from probewatch.drivers.device_api import TrackerSource, VideoSource
 from probewatch.drivers.errors import ConfigurationError, DeviceLost
 from probewatch.drivers.files.atomic_file import check_kind, check_writable, writing
 from probewatch.drivers.io.inventory import CONNECTED, ROOT, Found
-from probewatch.drivers.registry import check_options, open_tracker, open_video
+from probewatch.drivers.registry import check_options, is_simulated, open_tracker, open_video
 from probewatch.tools.commands.check import calibration_mistakes, calibration_remarks, mistakes_in, rows
 from probewatch.tools.commands.probe import complaints, findings, measure
 from probewatch.tools.german.devices import device_text
@@ -102,7 +102,7 @@ def command(
     try_it = None if untried else _trying(person.language)
     place = _calibration_place(known, probe)
     if calibration is not None and calibration != "none":
-        _refuse_calibration(place, whole_path(calibration), person)
+        _refuse_calibration(place, whole_path(calibration), _simulated(video, tracker), person)
     at = _place(known, Role.CONTACT)
     seen = DeviceQuestion("video", video, old.video.url if old else "", try_it)
     tracked = DeviceQuestion("tracker", tracker, old.tracker.url if old else "", try_it)
@@ -116,7 +116,8 @@ def command(
         answers["tracker", "url"] = held = tracked.url(person, lambda: _connected("tracker"))
         answers["output", at, "url"] = driven = opened.url(person, lambda: _connected("output", held))
         answers |= lit
-        answers["calibration", "file"] = _calibration(calibration, without, old, place, person)
+        simulated = _simulated(answers["video", "url"], held)
+        answers["calibration", "file"] = _calibration(calibration, without, old, place, simulated, person)
         if probe is not None:
             answers["calibration", "probe"] = probe
         limited = profile or _profile(known, person)
@@ -221,16 +222,21 @@ def _calibration_place(known: Config, probe: str | None) -> CalibrationPlace:
     return known.calibration if probe is None else known.calibration.model_copy(update={"probe": probe})
 
 
-def _mistakes_of(file: Path, place: CalibrationPlace, person: Respondent) -> list[str]:
+def _simulated(*urls: object) -> tuple[str, ...]:
+    """Returns which of the sources are, or may be, no real devices. urls: None for one that is not known yet."""
+    return tuple(str(url) for url in urls if url is None or is_simulated(str(url)))
+
+
+def _mistakes_of(file: Path, place: CalibrationPlace, simulated: Sequence[str], person: Respondent) -> list[str]:
     """Returns why the file cannot be the reference, one reason per line."""
     if misplaced := person.misplaced(file):
         return [f"{file}: {misplaced}"]
-    return calibration_mistakes(place.model_copy(update={"file": file}), person.language)
+    return calibration_mistakes(place.model_copy(update={"file": file}), person.language, simulated)
 
 
-def _refuse_calibration(place: CalibrationPlace, file: Path, person: Respondent) -> None:
+def _refuse_calibration(place: CalibrationPlace, file: Path, simulated: Sequence[str], person: Respondent) -> None:
     """Raises ConfigurationError for a file that cannot be the reference, before any question or test."""
-    mistakes = _mistakes_of(file, place, person)
+    mistakes = _mistakes_of(file, place, simulated, person)
     for mistake in mistakes:
         click.echo(mistake, err=True)
     if mistakes:
@@ -240,7 +246,12 @@ def _refuse_calibration(place: CalibrationPlace, file: Path, person: Respondent)
 
 
 def _calibration(
-    given: str | None, without: bool, old: Config | None, place: CalibrationPlace, person: Respondent
+    given: str | None,
+    without: bool,
+    old: Config | None,
+    place: CalibrationPlace,
+    simulated: Sequence[str],
+    person: Respondent,
 ) -> str | None:
     """Returns the path as the configuration names it, None for a cart without one. Raises ConfigurationError."""
     before = None if old is None else old.calibration.file
@@ -256,7 +267,7 @@ def _calibration(
     option = "--calibration FILE, or --no-calibration"
     while (said := person.ask(person.tell("calibration"), str(before or "none"), option)) != "none":
         file = whole_path(said)
-        mistakes = _mistakes_of(file, place, person)
+        mistakes = _mistakes_of(file, place, simulated, person)
         if not mistakes:
             return str(file)
         for mistake in mistakes:

@@ -11,7 +11,7 @@ from probewatch.drivers.files.atomic_file import check_kind, check_replaceable, 
 from probewatch.tools.monitoring.endpoint import Endpoint
 from probewatch.tools.monitoring.reading import Exposition
 from probewatch.tools.shared.absent_service import warn_if_absent
-from probewatch.tools.shared.called_host import endpoint_text
+from probewatch.tools.shared.called_host import endpoint_text, host_names
 from probewatch.tools.shared.listen_address import listen_address
 from probewatch.tools.shared.named_cart import socket_option
 from probewatch.tools.shared.termination import termination
@@ -27,7 +27,13 @@ _EVERY_S = 15.0
 @click.command()
 @socket_option
 @click.option("--listen", default=_LISTEN, show_default=True, help="HOST:PORT that Prometheus asks")
-@click.option("--host", "hosts", multiple=True, help="another host name under which Prometheus reaches this computer")
+@click.option(
+    "--host",
+    "hosts",
+    multiple=True,
+    callback=host_names,
+    help="another host name under which Prometheus reaches this computer",
+)
 @click.option("--no-http", is_flag=True, help="do not listen; write the file only")
 @click.option(
     "--textfile",

@@ -23,7 +23,7 @@ from probewatch.tools.page.token_socket import Door, invitation
 from probewatch.tools.page.tokens import TOKEN_S, Tokens
 from probewatch.tools.recalibration.session import ScanSession
 from probewatch.tools.shared.absent_service import warn_if_absent
-from probewatch.tools.shared.called_host import endpoint_text
+from probewatch.tools.shared.called_host import endpoint_text, host_names
 from probewatch.tools.shared.listen_address import listen_address
 from probewatch.tools.shared.named_cart import SOCKET, config_option, named_or_own
 from probewatch.tools.shared.status_watch import StatusWatch
@@ -49,7 +49,13 @@ def _name() -> str:
 @click.option("--socket", "control", type=click.Path(path_type=Path), help="control socket [of the configuration]")
 @click.option("--feed", type=click.Path(path_type=Path), help="socket of the feed [beside the control socket]")
 @click.option("--listen", default=_LISTEN, show_default=True, help="HOST:PORT; port 0 takes a free one")
-@click.option("--host", "hosts", multiple=True, help="another host name under which browsers reach this computer")
+@click.option(
+    "--host",
+    "hosts",
+    multiple=True,
+    callback=host_names,
+    help="another host name under which browsers reach this computer",
+)
 @click.option("--cart", default=_name, help="name of this cart on the page; the host's name unless given")
 @click.option("--folder", type=click.Path(file_okay=False, path_type=Path), help="for new calibrations [.]")
 @click.option("--door", type=click.Path(path_type=Path), help=f"socket on which --token asks the page [{_DOOR}]")

@@ -91,6 +91,9 @@ def command(config_file: Path, kind: str, day: datetime | None, folder: Path, as
     language = config.alarm.language
     chosen = _chosen(wanted, found, day is None, language)
     click.echo(chosen)
+    for file in (page, *([] if pdf is None else [pdf])):
+        # Signed before, what is written now would look forged.
+        file.with_name(f"{file.name}.sig").unlink(missing_ok=True)
     write_period_page(page, cart, found, _dates(config, history), self_tests.faults, chosen, language)
     if pdf is not None:
         write_pdf(page, pdf)
@@ -99,6 +102,9 @@ def command(config_file: Path, kind: str, day: datetime | None, folder: Path, as
         with_signature = "written: {file}, signed {signature}"
         text = with_signature if is_signed else "written: {file}"
         click.echo(told(text, language, file=file, signature=f"{file.name}.sig"))
+    if pdf is None and page.with_suffix(".pdf").exists():
+        earlier = "{file} is of an earlier report; --pdf writes it anew"
+        click.secho(told(earlier, language, file=page.with_suffix(".pdf")), err=True, fg="yellow")
     if reading.broken:
         damaged = "the alarm log is damaged, as the top of the report says; see: probewatch log --verify"
         click.secho(told(damaged, language), err=True)
@@ -194,10 +200,7 @@ def _check_key(key: Path) -> None:
 
 
 def _sign(file: Path, key: Path) -> bool:
-    """Signs the file, in place of an earlier signature, and returns True. Raises ConfigurationError where the key
-    cannot sign.
-    """
-    file.with_name(f"{file.name}.sig").unlink(missing_ok=True)
+    """Signs the file and returns True. Raises ConfigurationError where the key cannot sign."""
     command = ["ssh-keygen", "-Y", "sign", "-f", str(key), "-n", _NAMESPACE, str(file)]
     try:
         subprocess.run(command, check=True, capture_output=True, stdin=subprocess.DEVNULL, timeout=_TIMEOUT_S)

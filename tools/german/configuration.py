@@ -21,6 +21,10 @@ GERMAN_OF_MISTAKES = {
     "must be a list of sections, each written {section}": (
         "muss eine Liste von Abschnitten sein, jeder geschrieben {section}"
     ),
+    "must be a list, written [{first}, …]": "muss eine Liste sein, geschrieben [{first}, …]",
+    "there is no such group. Make it: groupadd --system {group}": (
+        "diese Gruppe gibt es nicht. Anlegen: groupadd --system {group}"
+    ),
     "must be text in quotes": "muss ein Text in Anführungszeichen sein",
     "must be the name of a file in quotes": "muss der Name einer Datei in Anführungszeichen sein",
     "must be true or false": "muss true oder false sein",

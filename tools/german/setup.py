@@ -27,6 +27,11 @@ GERMAN_OF_SETUP = {
         "{key} wird über nachgiebigem Gewebe wie dem eines Patienten nie bestätigt: was Bewegung nicht zeigen kann, "
         "füllt sie dort aus ({sigmas} x {left_out} {unit}). Mehr als {least} angeben"
     ),
+    "{key} = {age}: what quiet scanning shows is up to {quiet} s old, so the contact opens again and again. Give "
+    "{quiet} or more": (
+        "{key} = {age}: was ruhiges Scannen zeigt, ist bis zu {quiet} s alt, der Kontakt öffnet also immer wieder. "
+        "{quiet} oder mehr angeben"
+    ),
     "[limits] {name} is looser than profile {profile} has it: OK says less than that name": (
         "[limits] {name} ist weiter als in Profil {profile}: OK sagt weniger als dieser Name"
     ),

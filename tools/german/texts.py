@@ -269,7 +269,10 @@ GERMAN_OF_TOOLS = {
     "per day": "pro Tag",
     "reaches the limit": "erreicht die Grenze",
     "is": "ist",
-    "in {days} days": "in {days} Tagen",
+    "{file} is of an earlier report; --pdf writes it anew": (
+        "{file} ist von einem früheren Bericht; --pdf schreibt sie neu"
+    ),
+    "not before {days} days": "nicht vor {days} Tagen",
     "near its limit": "nahe der Grenze",
     "steady": "beständig",
     "{folder} holds no estimates of reference {number}, only of {held}: give --reference {last}": (

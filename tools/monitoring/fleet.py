@@ -32,8 +32,10 @@ _DRIFT = (
     'avg_over_time(probewatch_check_ratio{{check=~"latency|(rotation|scale|offset)-.+"}}[{0}]) '
     f"and avg_over_time(probewatch_check_sigma_ratio[{{0}}]) < {_WELL_KNOWN})"
 )
+_REACHED = "reached"
+"""Name of the first query, which alone knows the carts that cannot be reached: it decides which carts there are."""
 _QUERIES = {
-    "reached": 'up{{job="{1}"}}',
+    _REACHED: 'up{{job="{1}"}}',
     "up": "probewatch_up",
     "closed": "probewatch_contact_closed",
     "state": "probewatch_state == 1",
@@ -86,24 +88,27 @@ class _Seen:
 
 
 def reports(base: str, job: str, over: str) -> list[CartReport]:
-    """Returns all carts that this Prometheus knows, by name. base: its URL. job: that of its configuration. over: span
-    of the drift.
+    """Returns all carts that this Prometheus scrapes, by name. base: its URL. job: under which it does. over: span of
+    the drift.
 
     Raises ConfigurationError for an invalid URL, DeviceLost where no Prometheus answers.
     """
     carts: dict[str, _Seen] = {}
     for name, query in _QUERIES.items():
         for labels, value in _asked(base, query.format(over, job)):
-            cart = carts.setdefault(printable(labels.get("instance", "?")), _Seen())
-            cart.said.setdefault(name, []).append((labels, value))
+            instance = printable(labels.get("instance", "?"))
+            if name == _REACHED:
+                carts.setdefault(instance, _Seen())
+            if instance in carts:
+                carts[instance].said.setdefault(name, []).append((labels, value))
     return sorted(
         (_report(instance, seen) for instance, seen in carts.items()), key=lambda one: (one.cart, one.instance)
     )
 
 
 def _report(instance: str, seen: _Seen) -> CartReport:
-    name = _shown(seen.label("reached", "cart")) or instance
-    if seen.value("reached") == 0:
+    name = _shown(seen.label(_REACHED, "cart")) or instance
+    if seen.value(_REACHED) == 0:
         return CartReport(name, instance, needs=("unreachable",))
     if seen.value("up") != 1:
         return CartReport(name, instance, needs=("service silent",))

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from typing import Any
 
+from probewatch.appliance.configuration.config import Config
 from probewatch.appliance.configuration.toml_lines import key_lines
 from probewatch.appliance.core.parameters import QUANTITIES, never_shown
 from probewatch.appliance.core.quality.check_fields import limits_fields
@@ -22,6 +23,15 @@ _NEVER_SOFT = (
 )
 """Warnings about a limit that is used up by what the model leaves out alone: in any tissue, and in tissue that gives
 way."""
+
+
+_QUIET_AGE_S = 20.0
+"""Age, s, up to which motion counts that is no livelier than quiet scanning, once it shows something: the template says
+so beside max_verification_age_s."""
+_YOUNG = (
+    "{key} = {age}: what quiet scanning shows is up to {quiet} s old, so the contact opens again and again. Give "
+    "{quiet} or more"
+)
 
 
 def rows(limits: Limits, text: str, language: str = "en") -> Iterator[str]:
@@ -55,6 +65,15 @@ def remarks(limits: Limits, language: str = "en") -> Iterator[str]:
         if _is_looser(name, getattr(limits, name), getattr(own, name)):
             text = "[limits] {name} is looser than profile {profile} has it: OK says less than that name"
             yield told(text, language, name=name, profile=limits.profile)
+
+
+def remarks_on_ages(config: Config, language: str = "en") -> Iterator[str]:
+    """Yields a warning for each age that quiet scanning cannot keep."""
+    most_s = config.supervisor.max_verification_age_s
+    ages_s = {f"[limits.required_age_s] {name}": age_s for name, age_s in config.limits.required_age_s.ages_s.items()}
+    for key, age_s in {"[supervisor] max_verification_age_s": most_s, **ages_s}.items():
+        if age_s is not None and age_s < _QUIET_AGE_S:
+            yield told(_YOUNG, language, key=key, age=f"{age_s:g}", quiet=f"{_QUIET_AGE_S:g}")
 
 
 def _why(limits: Limits, name: str, is_given: bool, language: str) -> str:

@@ -77,7 +77,9 @@ def row_of(name: str, one: Trend, language: str = "en") -> tuple[str, ...]:
     base = float(one.mean[-1] - (one.low[-1] + one.high[-1]) / 2) if isfinite(one.high[-1]) else inf
     since = f"{base:+.2f} {unit}" if isfinite(base) else NOTHING
     day = f"{one.per_day:+.3f} ± {one.per_day_sigma:.3f}" if isfinite(one.per_day_sigma) else NOTHING
-    left = told("in {days} days", language, days=f"{one.days_left:.0f}") if one.days_left < _FAR_DAYS else NOTHING
+    left = (
+        told("not before {days} days", language, days=f"{one.days_left:.0f}") if one.days_left < _FAR_DAYS else NOTHING
+    )
     return (
         recognised(name, language),
         str(len(one.estimates)),

@@ -44,8 +44,8 @@ class Trend:
     """Holds the trend of one parameter under one reference.
 
     mean: weighted mean after each estimate, (n,). low, high: (n,) control limits; infinite until there is a baseline.
-    per_day, per_day_sigma: slope of the estimates. days_left: until the mean may reach ± limit at the latest slope plus
-    two sigmas; inf where it moves away from it or nothing is known.
+    per_day, per_day_sigma: slope of the estimates. days_left: before which the mean does not reach ± limit, at the
+    latest slope plus two sigmas; inf where it moves away from it, or there is no baseline.
     """
 
     estimates: tuple[Estimate, ...]
@@ -78,7 +78,7 @@ def trend(estimates: Sequence[Estimate], limit: float) -> Trend:
     mean = _weighted(values, base)
     room = _control(len(known), scatter) * (1.0 if len(known) > _BASELINE else inf)
     slope, slope_sigma = _slope(np.array([one.utc_s for one in known]) / DAY_S, values, scatter)
-    left = _days_left(float(mean[-1]) if known else 0.0, slope, slope_sigma, limit)
+    left = _days_left(float(mean[-1]), slope, slope_sigma, limit) if len(known) > _BASELINE else inf
     return Trend(known, limit, mean, base - room, base + room, slope, slope_sigma, left)
 
 

@@ -24,6 +24,7 @@ from probewatch.appliance.storage.reference import (
     Size,
     candidate_from_content,
     candidate_of_entry,
+    refuse_simulated,
     size_for,
 )
 from probewatch.appliance.storage.reference_dates import Dates, dates_of
@@ -354,9 +355,7 @@ class References(threading.Thread):
         return size_for(content, self._place, self._seen_px or known_px)
 
     def _allowed(self, candidate: Candidate) -> Candidate:
-        if candidate.calibration.simulated and not self._simulated:
-            what = "was made of a simulated scan and cannot be the reference of a cart with real devices"
-            raise ConfigurationError(what, candidate.file, "Scan the cross-wire with this probe: docs/recalibration.md")
+        refuse_simulated(candidate, self._simulated)
         return candidate
 
     def _judged(self, verdict: Verdict) -> Verdict:

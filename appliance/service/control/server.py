@@ -29,7 +29,7 @@ from typing import Any
 
 from probewatch.appliance.service.control.starting import how_to_end
 from probewatch.appliance.service.host.request_line import request_fields
-from probewatch.appliance.service.host.unix_socket import listening
+from probewatch.appliance.service.host.unix_socket import NO_GROUP, listening, make_group
 from probewatch.drivers.closable import Closable
 from probewatch.drivers.errors import ConfigurationError, DeviceLost, ProbewatchError
 from probewatch.drivers.files.lock import held_lock
@@ -157,8 +157,7 @@ class ControlServer(Closable):
             return listening(self._path, self._group, _BACKLOG, self._users)
         except LookupError:
             where = self._owner.where or f"[control] group = '{self._group}'"
-            remedy = f"Make it: groupadd --system {self._group}"
-            raise ConfigurationError("there is no such group", where, remedy) from None
+            raise ConfigurationError(NO_GROUP, where, make_group(self._group)) from None
         except OSError as error:
             raise self._unusable(error) from None
 

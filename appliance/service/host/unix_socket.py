@@ -25,6 +25,15 @@ _READ_BYTES = 1 << 14
 _MAY, _MAY_NOT = stat.S_IROTH | stat.S_IWOTH, 0
 
 
+NO_GROUP = "there is no such group"
+"""What is wrong with a group that `listening` does not find."""
+
+
+def make_group(group: str) -> str:
+    """Returns what to do about it."""
+    return f"Make it: groupadd --system {group}"
+
+
 def listening(path: Path, group: str, backlog: int, users: Iterable[int] = ()) -> socket.socket:
     """Returns a listening socket, mode 0660, of the group if one is named, and of these users, by id, whatever group
     they are in.

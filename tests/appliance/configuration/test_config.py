@@ -229,6 +229,12 @@ def test_the_template_names_no_simulated_device() -> None:
         ("[video]", "[vidoe]", "line 2: 'vidoe' is not known. Did you mean 'video'?"),
         ('url = "sim', 'ulr = "sim', "line 3: [video] ulr is not known. Did you mean 'url'?"),
         ("[[output]]", "[output]", "line 6: 'output': must be a list of sections, each written [[output]]"),
+        (
+            "[tracker]",
+            '[control]\nviewers = "anna"\n[tracker]',
+            "[control] viewers = 'anna': must be a list, written [\"anna\", …]",
+        ),
+        ("[tracker]", "[control]\nviewers = [5]\n[tracker]", "[control] viewers entry 1 = 5: must be text in quotes"),
         ('[[output]]\nurl = "relay:/dev/ttyUSB1"', "output = 'relay:/x'", "line 6: [tracker] output is not known"),
         ('"ndi:/dev/ttyUSB0"', "5", "line 5: [tracker] url = 5: must be text in quotes"),
         (

@@ -1,5 +1,6 @@
 """`probewatch check`: every mistake of a configuration and its calibration, one line each, and nothing is started."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -96,6 +97,20 @@ def test_it_remarks_on_what_never_closes_and_on_what_is_looser_than_its_name(
     assert all(f"[limits] {what}" in remark for what, remark in zip(told, remarks, strict=True))
 
 
+@pytest.mark.parametrize(
+    ("section", "key"),
+    [
+        ("[supervisor]\nmax_verification_age_s = 10", "[supervisor] max_verification_age_s = 10"),
+        ("[limits.required_age_s]\noffset-axial = 5", "[limits.required_age_s] offset-axial = 5"),
+    ],
+)
+def test_it_remarks_on_an_age_that_quiet_scanning_cannot_keep(folder: Path, section: str, key: str) -> None:
+    result = check(written(folder, f"{GOOD}{section}\n"))
+    assert result.exit_code == 0
+    said = f"{key}: what quiet scanning shows is up to 20 s old, so the contact opens again and again. Give 20 or more"
+    assert said in result.stderr.splitlines()
+
+
 def test_one_that_waits_for_a_person_says_so(folder: Path) -> None:
     assert "configured = true" in check(written(folder, "configured = false\n" + GOOD)).stdout
 
@@ -159,6 +174,23 @@ def test_a_calibration_that_is_not_there(tmp_path: Path) -> None:
 def test_the_shipped_templates_have_no_mistake() -> None:
     result = check(Path(__file__).parents[3] / "config" / "probewatch.toml")
     assert (result.exit_code, result.stderr) == (0, "")
+
+
+def test_a_simulated_calibration_is_a_mistake_on_a_cart_with_real_devices(folder: Path) -> None:
+    """The service did not start with what was told to be good."""
+    write_calibration(folder / "simulated.toml", replace(calibration(), simulated=True), {})
+    named = GOOD.replace("probe.toml", "simulated.toml")
+    assert check(written(folder, named)).exit_code == 0
+    result = check(written(folder, named.replace("sim:/tmp/x/scanner", "v4l2:/dev/video0")))
+    assert result.exit_code == 78
+    assert "simulated.toml: was made of a simulated scan and cannot be the reference" in result.stderr
+
+
+def test_a_group_that_is_not_there_is_a_mistake(folder: Path) -> None:
+    result = check(file := written(folder, GOOD + '[control]\ngroup = "nosuchgroup"\n'))
+    assert result.exit_code == 78
+    said = "[control] group = 'nosuchgroup': there is no such group. Make it: groupadd --system nosuchgroup"
+    assert result.stderr == f"{file}: {said}\n"
 
 
 @pytest.mark.parametrize(

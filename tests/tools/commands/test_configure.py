@@ -191,13 +191,13 @@ def test_a_missing_calibration_is_told_at_its_question(tmp_path: Path, capsys: p
     write_calibration(right, calibration(), {})
     (broken := tmp_path / "broken.toml").write_text("scale = 1\n")
     person = Answers(str(tmp_path / "prope.toml"), str(broken), str(right))
-    assert _calibration(None, False, None, CalibrationPlace(), person) == str(right)
+    assert _calibration(None, False, None, CalibrationPlace(), (), person) == str(right)
     assert person.asked == ["calibration"] * 3
     told = capsys.readouterr().out
     assert f"{tmp_path}/prope.toml" in told
     assert "No such file or directory" in told
     assert "'scale' is not known" in told
-    assert _calibration(None, False, None, CalibrationPlace(), Answers("nowhere.toml", "none")) is None
+    assert _calibration(None, False, None, CalibrationPlace(), (), Answers("nowhere.toml", "none")) is None
 
 
 def test_files_that_the_unit_cannot_see_are_asked_for_again(
@@ -221,7 +221,7 @@ def test_files_that_the_unit_cannot_see_are_asked_for_again(
         assert capsys.readouterr().out.count("the service cannot see it: its unit is shown nothing of") == 2
         person = Answers(str(mine), "none")
         person.sees_less = True
-        assert _calibration(None, False, None, CalibrationPlace(), person) is None
+        assert _calibration(None, False, None, CalibrationPlace(), (), person) is None
         assert "Copy it to /etc/probewatch, and name it there" in capsys.readouterr().out
 
 

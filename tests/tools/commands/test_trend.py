@@ -46,6 +46,7 @@ def test_a_slow_bend_is_named_with_the_day_on_which_it_meets_its_limit(folder: P
     assert result.exit_code == 1
     bend, scale = (next(line for line in result.stdout.splitlines() if name in line) for name in ("rot", "scale"))
     assert "moving" in bend
+    assert "not before" in bend
     assert "days" in bend
     assert "steady" in scale
 

@@ -109,6 +109,7 @@ def test_the_table_and_the_json(server: Server) -> None:
     done = CliRunner().invoke(probewatch, ["fleet", "--prometheus", server.url], terminal_width=200)
     assert done.exit_code == 0
     assert "nobody" in done.output
+    server.answers['up{job="probewatch"}'] = [(cart("a"), "1"), (cart("b\x1b[2J"), "1")]
     server.answers["probewatch_contact_closed"] = [(cart("a"), "0"), (cart("b\x1b[2J"), "0")]
     done = CliRunner().invoke(probewatch, ["fleet", "--prometheus", server.url, "--json"])
     assert done.exit_code == 1
@@ -120,6 +121,14 @@ def test_a_cart_has_the_name_that_the_configuration_of_prometheus_gives_it(serve
     server.answers = well(**{'up{job="probewatch"}': [(cart("a", cart="theatre 2"), "1")]})
     (report,) = reports(server.url, "probewatch", "30m")
     assert (report.cart, report.instance, report.state) == ("theatre 2", "a", "monitoring")
+
+
+def test_the_carts_of_another_job_are_none(server: Server) -> None:
+    """Carts that could not be reached were left out without a word, as only those are known by their job alone."""
+    server.answers = well()
+    done = CliRunner().invoke(probewatch, ["fleet", "--prometheus", server.url, "--job", "carts"])
+    assert done.exit_code == 1
+    assert "under job_name: carts?" in done.stderr
 
 
 def test_no_cart_at_all_is_not_well(server: Server) -> None:

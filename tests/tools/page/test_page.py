@@ -9,10 +9,14 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
+import click
 import pytest
+from click.testing import CliRunner
 
 from probewatch.drivers.errors import DeviceLost
+from probewatch.tools.commands.metrics import command as metrics_command
 from probewatch.tools.commands.page import _called
+from probewatch.tools.commands.page import command as page_command
 from probewatch.tools.page.connection import MOST_LISTENERS
 from probewatch.tools.page.token_socket import invitation
 from probewatch.tools.shared.called_host import called
@@ -269,3 +273,12 @@ def test_the_door_is_for_the_group_and_one_that_is_not_there_is_told(web: WebPag
     assert stat.S_IMODE(web.door.stat().st_mode) == 0o660
     with pytest.raises(DeviceLost, match="no page answers"):
         invitation(tmp_path / "door")
+
+
+@pytest.mark.parametrize("command", [page_command, metrics_command])
+@pytest.mark.parametrize("typed", ["https://cart.example/", "", "cart 2", "cart:9780", "cart.example/page"])
+def test_what_no_browser_can_send_is_no_host(command: click.Command, typed: str) -> None:
+    """It was taken, and whoever came by that name got 403."""
+    said = CliRunner().invoke(command, ["--host", typed])
+    assert said.exit_code == 2
+    assert f"'{typed}' is not a host name" in said.output

@@ -320,6 +320,18 @@ def test_a_signed_report_verifies_and_a_changed_one_does_not(cart: Path) -> None
     assert not verifies()
 
 
+def test_of_an_earlier_report_no_signature_is_left_and_its_pdf_is_named(cart: Path) -> None:
+    """An honest report that was written anew looked forged."""
+    made(cart)
+    (page,) = cart.parent.glob("*-2026-01.html")
+    signature, pdf = cart.parent / f"{page.name}.sig", page.with_suffix(".pdf")
+    signature.write_text("of another page")
+    pdf.write_bytes(b"%PDF-1.4 of another page")
+    assert f"{pdf} is of an earlier report; --pdf writes it anew" in made(cart)
+    assert not signature.exists()
+    assert pdf.exists()
+
+
 def test_a_key_that_cannot_sign_is_told(cart: Path) -> None:
     with pytest.raises(ConfigurationError, match="no such key"):
         made(cart, "--sign", str(cart.parent / "none"))

@@ -73,6 +73,13 @@ def test_a_steady_parameter_meets_no_limit_soon() -> None:
     assert made(0.2 * noise(3, days.size), sigma=0.2).days_left > 100
 
 
+def test_without_a_baseline_it_tells_no_day() -> None:
+    """Half an hour of a healthy cart was said to reach its limits in 0 days."""
+    values = 0.5 * noise(3, 20)
+    assert made(values[:12], sigma=0.5).days_left == np.inf
+    assert made(values, sigma=0.5).days_left < np.inf
+
+
 def test_near_its_limit_says_so() -> None:
     assert made(np.full(20, 3.6), 0.1).near
     assert made(np.full(20, -3.6), 0.1).near
