@@ -4,8 +4,6 @@ import math
 from collections import deque
 from dataclasses import dataclass
 
-import numpy as np
-
 from probewatch.drivers.clock.host_clock import HostClock
 from probewatch.drivers.closable import Closable
 from probewatch.drivers.device_api import Description
@@ -327,7 +325,7 @@ def _readings(message: Message) -> dict[str, TransformReading]:
     if message.kind == "TRANSFORM":
         return {message.device: _of_transform(message)}
     if message.kind == "TDATA":
-        return _named({tool.name: _checked(tool.matrix, tool.name) for tool in parse_tools(message.content)})
+        return _named({tool.name: rigid_reading(tool.matrix, tool.name) for tool in parse_tools(message.content)})
     return _named({tool.name: _of_turn(tool.turn, tool.name) for tool in parse_turned_tools(message.content)})
 
 
@@ -344,15 +342,6 @@ def _of_transform(message: Message) -> TransformReading:
         return without_matrix(status, name)
     if message.said("TransformValid").lower() in ("false", "0"):
         return without_matrix("INVALID", name)
-    return _checked(matrix, name)
-
-
-def _checked(matrix: Matrix4, name: str) -> TransformReading:
-    """Returns the reading of a matrix. Servers send the identity, or zeros, for a tool that is not seen; no tool is at
-    the tracker's own origin.
-    """
-    if np.array_equal(matrix, np.eye(4)) or not matrix[:3].any():
-        return TransformReading(None, PoseStatus.MISSING, f"{printable(name)} is not a measurement (identity or zeros)")
     return rigid_reading(matrix, name)
 
 
@@ -362,4 +351,4 @@ def _of_turn(turn: Turn, name: str) -> TransformReading:
     if not abs(length - 1) <= UNIT_TOLERANCE:
         reason = f"{printable(name)} has a quaternion of length {length:.4g}"
         return TransformReading(None, PoseStatus.NOT_UNDERSTOOD, reason)
-    return _checked(pose_matrix((w, x, y, z), turn.position), name)
+    return rigid_reading(pose_matrix((w, x, y, z), turn.position), name)

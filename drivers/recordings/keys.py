@@ -7,6 +7,10 @@ The first name of each field is the one by which it is read from here on; PLUS w
 import re
 from collections.abc import Mapping
 from decimal import Decimal, InvalidOperation
+from pathlib import Path
+
+from probewatch.drivers.errors import RecordingError
+from probewatch.drivers.printable import printable
 
 IMAGE_STATUS, ORIENTATION, IMAGE_TYPE = "ImageStatus", "UltrasoundImageOrientation", "UltrasoundImageType"
 NAMES: Mapping[str, tuple[str, ...]] = {
@@ -35,6 +39,16 @@ def known(fields: Mapping[str, str]) -> Fields:
     own = {name: _FIRST.get(_plain(name), name) for name in fields}
     other = {own[name]: value for name, value in fields.items() if own[name] != name}
     return {**other, **{name: value for name, value in fields.items() if own[name] == name}}
+
+
+def agreed(fields: Mapping[str, str], path: Path) -> Fields:
+    """Returns the same. Raises RecordingError where the two names of a field state different things."""
+    for first in NAMES:
+        said = {name: value for name, value in fields.items() if _FIRST.get(_plain(name)) == first}
+        if len(set(said.values())) > 1:
+            both = " and ".join(f"'{name}' is '{printable(value)}'" for name, value in said.items())
+            raise RecordingError(f"contradicts itself: {both}", str(path), "Leave the right one in its header")
+    return known(fields)
 
 
 def _plain(name: str) -> str:

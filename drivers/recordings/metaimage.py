@@ -21,7 +21,7 @@ from probewatch.drivers.files.markup import numbers_of
 from probewatch.drivers.files.regular_file import reading, refuse_irregular
 from probewatch.drivers.printable import printable
 from probewatch.drivers.recordings.foreign import HEAD_BYTES, are_matrix, are_numbers, refuse_foreign
-from probewatch.drivers.recordings.keys import IMAGE_STATUS, ORIENTATION, from_zero, known, missing
+from probewatch.drivers.recordings.keys import IMAGE_STATUS, ORIENTATION, agreed, from_zero, missing
 from probewatch.drivers.recordings.picture_blocks import inflated, raw
 from probewatch.drivers.recordings.unread import beside_layout
 from probewatch.drivers.samples import GreyImage, Matrix4, PoseStatus
@@ -218,7 +218,7 @@ def checked_header(
     the file that ElementDataFile names, beside it. window_bits: as zlib has them for compressed pictures. Raises
     RecordingError, OSError.
     """
-    general = known(general)
+    general = agreed(general, path)
     channels = _integer(path, _CHANNELS, general.get(_CHANNELS, "1"))
     width, height, count = _dimensions(path, general)
     if not count:

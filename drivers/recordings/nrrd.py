@@ -17,7 +17,7 @@ from probewatch.drivers.errors import RecordingError
 from probewatch.drivers.files.atomic_file import replacing
 from probewatch.drivers.files.regular_file import reading, refuse_irregular
 from probewatch.drivers.printable import printable
-from probewatch.drivers.recordings.keys import IMAGE_STATUS, IMAGE_TYPE, NAMES, ORIENTATION, index_times, known
+from probewatch.drivers.recordings.keys import IMAGE_STATUS, IMAGE_TYPE, NAMES, ORIENTATION, agreed, index_times
 from probewatch.drivers.recordings.metaimage import (
     FRAME_KEY,
     MAX_HEADER_BYTES,
@@ -174,7 +174,7 @@ def _as_metaimage(path: Path, general: dict[str, str], encoding: str, named: str
         "ElementDataFile": named,
         "ElementNumberOfChannels": str(channels),
         "HeaderSize": general.get("byte skip", general.get("byteskip", "0")),
-        **{name: value for name, value in known(general).items() if name == ORIENTATION},
+        **{name: value for name, value in agreed(general, path).items() if name == ORIENTATION},
     }
 
 

@@ -52,8 +52,11 @@ def without_matrix(status: str, name: str) -> TransformReading:
 
 def rigid_reading(matrix: Matrix4, name: str) -> TransformReading:
     """Returns the reading of a matrix, with the rounding of the transmitted digits removed. A matrix that is not rigid
-    is refused: its reading has no pose, and states the reason.
+    is refused: its reading has no pose, and states the reason. So is the identity, and zeros, which programs write for
+    a tool that is not seen: no tool is at the tracker's own origin.
     """
+    if np.array_equal(matrix, np.eye(4)) or not matrix[:3].any():
+        return TransformReading(None, PoseStatus.MISSING, f"{printable(name)} is not a measurement (identity or zeros)")
     if wrong := _no_pose(matrix):
         return TransformReading(None, PoseStatus.NOT_UNDERSTOOD, f"{printable(name)} {wrong}")
     u, _, vt = np.linalg.svd(matrix[:3, :3])

@@ -71,24 +71,30 @@ def _requested(given: Given, name: str) -> RequestedTool | None:
     return None if text is None else parse_requested_tool(text, given.where)
 
 
+_REMEDIES = {
+    "reference": "Name a tool that is fixed to the patient or the table, by its own FILE.rom or @PLUG",
+    "witness": "Name a second marker body of its own geometry that sits on the probe, by its own FILE.rom or @PLUG",
+}
+"""Option that names a second tool → what to name there."""
+_TWICE = (("reference", "probe"), ("witness", "probe"), ("witness", "reference"))
+
+
 def _refuse_twice(options: dict[str, str], where: str) -> None:
-    """Raises ConfigurationError where the witness is the probe or the reference: one tool cannot bear witness for
-    itself, and two wireless ones of one definition cannot be distinguished.
+    """Raises ConfigurationError where two options name one tool: seen from itself, it never moves. Two wireless ones of
+    one definition cannot be distinguished.
     """
-    if "witness" not in options:
-        return
-    witness = parse_requested_tool(options["witness"], where)
-    for name in ("probe", "reference"):
-        if name not in options:
+    for second, first in _TWICE:
+        if not {first, second} <= set(options):
             continue
-        other = parse_requested_tool(options[name], where)
-        same_plug = not witness.wireless and (witness.socket, witness.channel) == (other.socket, other.channel)
-        if same_plug or (witness.wireless and other.wireless and _same_definition(witness, other)):
-            what = f"witness={options['witness']} is the same tool as {name}={options[name]}"
-            remedy = (
-                "Name a second marker body of its own geometry that sits on the probe, by its own FILE.rom or @PLUG"
-            )
-            raise ConfigurationError(what, where, remedy)
+        if _same_tool(*(parse_requested_tool(options[name], where) for name in (first, second))):
+            what = f"{second}={options[second]} is the same tool as {first}={options[first]}"
+            raise ConfigurationError(what, where, _REMEDIES[second])
+
+
+def _same_tool(one: RequestedTool, other: RequestedTool) -> bool:
+    if one.wireless and other.wireless:
+        return _same_definition(one, other)
+    return one.wireless == other.wireless and (one.socket, one.channel) == (other.socket, other.channel)
 
 
 def _same_definition(one: RequestedTool, other: RequestedTool) -> bool:

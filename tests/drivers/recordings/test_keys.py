@@ -245,3 +245,11 @@ def test_what_older_slicers_stored_pixel_by_pixel_is_said(tmp_path: Path) -> Non
     path = written(tmp_path / "old.nrrd", ("kinds: domain domain domain list", "kinds: list domain domain domain"))
     with pytest.raises(RecordingError, match=r"pixel by pixel, as older versions of 3D Slicer do. Open it in a newer"):
         read_sequence(path)
+
+
+@pytest.mark.parametrize("changed", [f"{ORIENTATION}:=", "ultrasound image orientation:="])
+def test_two_names_of_a_field_that_contradict_one_another_are_refused(tmp_path: Path, changed: str) -> None:
+    """Who corrected one of the two that we export had pictures turned, or not, without a word."""
+    path = written(tmp_path / "scan.igs.nrrd", (f"{changed}MFA", f"{changed}UNA"))
+    with pytest.raises(RecordingError, match=r"contradicts itself: .*'UNA'"):
+        read_sequence(path)

@@ -49,7 +49,9 @@ def test_what_was_written_is_read(tmp_path, orientation, compressed, detached):
     assert len(pictures) == 4
     for index, image in enumerate(pictures):
         np.testing.assert_array_equal(image, picture(index))
-        np.testing.assert_allclose(sequence.transform(index, "ProbeToTracker").matrix, turn(0.1 * index, 10.0 * index))
+        np.testing.assert_allclose(
+            sequence.transform(index, "ProbeToTracker").matrix, turn(0.1 * index, 10.0 * index + 1.0)
+        )
 
 
 @pytest.mark.parametrize(

@@ -42,13 +42,13 @@ def test_pose_and_frame_of_one_entry_share_its_stamp_pose_first(session):
 
 def test_pose_is_composed_over_the_reference(session):
     for index, pose in enumerate(poses_of(session)):
-        expected = np.linalg.inv(turn(0.5, 0, 3)) @ turn(0.1 * index, 10.0 * index)
+        expected = np.linalg.inv(turn(0.5, 0, 3)) @ turn(0.1 * index, 10.0 * index + 1.0)
         np.testing.assert_allclose(pose.matrix, expected, atol=1e-12)
         assert pose.status is PoseStatus.OK
 
 
 def test_reference_tracker_leaves_the_reference_out(session):
-    np.testing.assert_allclose(poses_of(session, reference="Tracker")[2].matrix, turn(0.2, 20), atol=1e-12)
+    np.testing.assert_allclose(poses_of(session, reference="Tracker")[2].matrix, turn(0.2, 21), atol=1e-12)
 
 
 def test_recorded_pose_to_reference_is_preferred(tmp_path):

@@ -124,6 +124,17 @@ def test_a_wired_sensor_may_be_the_witness(tmp_path: Path) -> None:
             until(tracker, lambda pose: pose.witness is not None)
 
 
+def test_one_tool_is_no_reference_for_itself(tmp_path: Path) -> None:
+    """Both were read, and the probe never moved."""
+    for name in ("probe", "same"):
+        (tmp_path / f"{name}.rom").write_bytes(make_rom())
+    rom, same = str(tmp_path / "probe.rom"), str(tmp_path / "same.rom")
+    for probe, reference in (("@1", "@1"), (rom, rom), (rom, same)):
+        with pytest.raises(ConfigurationError, match=f"reference={reference} is the same tool as probe={probe}"):
+            ndi_options({"probe": probe, "reference": reference}, "ndi:x")
+    assert ndi_options({"probe": "@1", "reference": "@2"}, "ndi:x").reference is not None
+
+
 def test_one_tool_is_no_witness_for_itself(tmp_path: Path) -> None:
     for name in ("probe", "same"):
         (tmp_path / f"{name}.rom").write_bytes(make_rom())
