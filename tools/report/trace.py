@@ -101,6 +101,8 @@ class Trace:
 
     def _pose_at(self, t_ns: int) -> Matrix4 | None:
         place = bisect(self._poses, t_ns, key=lambda pose: pose[0])
+        if place and self._poses[place - 1][0] == t_ns:
+            return self._poses[place - 1][1]
         if not 0 < place < len(self._poses):
             return None
         (before_ns, before), (after_ns, after) = self._poses[place - 1], self._poses[place]

@@ -105,6 +105,7 @@ class Judgement:
         self._last_ns = 0
         self._rivals: tuple[Rival, ...] = ()
         self._point: PointError | None = None
+        self._withheld = "verified only in parts"
 
     def note(self, verdict: Verdict) -> None:
         """Takes the next verdict of the line, in time order."""
@@ -112,6 +113,8 @@ class Judgement:
         self._point = verdict.point or self._point
         if verdict.kind is VerdictKind.OK:
             self._verified_ns = verdict.t_ns
+        elif verdict.kind is VerdictKind.NOT_VERIFIED and not self._missing(verdict.checks):
+            self._withheld = verdict.reason
         for fault in list(self._since_ns):
             if fault != verdict.fault:
                 del self._since_ns[fault]
@@ -139,11 +142,15 @@ class Judgement:
         if late is not None and late.verdict is VerdictKind.FAULT:
             reason = f"{_sentence(late)}, by all of the recording"
             return Verdict(self._last_ns, VerdictKind.FAULT, checks, Fault.LATENCY, reason)
-        missing = [name for name in self._required if name not in _shown(checks)]
-        unverified = _unverified(checks, "; ".join([*_lacks(lack), "too little in-plane motion to show"]), missing)
+        missing = self._missing(checks)
+        lacks = "; ".join([*_lacks(lack), "too little in-plane motion to show"])
+        unverified = _unverified(checks, lacks if missing else self._withheld, missing)
         reason = _undecided(self._rivals) if self._rivals else unverified
         kind = VerdictKind.NOT_VERIFIED
         return Verdict(self._last_ns, kind, checks, None, reason, rivals=self._rivals, point=self._point)
+
+    def _missing(self, checks: tuple[Check, ...]) -> list[str]:
+        return [name for name in self._required if name not in _shown(checks)]
 
 
 def _replaced(checks: tuple[Check, ...], failing: list[Check]) -> tuple[Check, ...]:
@@ -156,12 +163,13 @@ def _shown(checks: tuple[Check, ...]) -> set[str]:
 
 
 def _unverified(checks: tuple[Check, ...], lack: str, missing: list[str]) -> str:
-    """Returns why there is no OK: first what contradicts it, then what is missing."""
+    """Returns why there is no OK: first what contradicts it, then what is missing. lack: why, of what is missing, or of
+    all where nothing is.
+    """
     agreement = next((check for check in checks if check.name == "motion-agreement" and check.ratio > 1), None)
     if agreement is not None:
         return f"picture and tracker disagree: {agreement.name} {agreement.ratio:.3g} × its limit"
-    lacking = f"{lack}: {', '.join(missing)}" if missing else "verified only in parts"
-    return "; ".join([*_doubts(checks), lacking])
+    return "; ".join([*_doubts(checks), f"{lack}: {', '.join(missing)}"]) if missing else lack
 
 
 def _lacks(lack: Lack | None) -> list[str]:

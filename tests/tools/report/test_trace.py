@@ -1,5 +1,6 @@
 """What a page draws is what the recording holds."""
 
+from dataclasses import replace
 from math import isfinite
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from probewatch.appliance.core.line import Line
 from probewatch.appliance.limits import Limits
 from probewatch.appliance.storage.image_to_probe import calibration_from_image_to_probe
+from probewatch.drivers.samples import Pose
 from probewatch.drivers.twins.faults import Schedule
 from probewatch.drivers.twins.scene.world import WorldSettings
 from probewatch.tools.report.svg import Plot, ticks
@@ -87,3 +89,19 @@ def test_a_plot_breaks_where_nothing_is_known_and_escapes_what_it_is_told() -> N
     assert svg.count("<polygon") == 2
     assert "<b>" not in svg
     assert 'aria-label="a &quot;title&quot; &amp; more"' in svg
+
+
+def test_poses_with_the_stamps_of_their_pictures_have_paths() -> None:
+    """The page of every PLUS sequence said that no picture was followed."""
+    world, trace = kept(3, settings=SMALL), Trace()
+    line = Line(calibration_from_image_to_probe(world.image_to_probe, (400, 300)), Limits())
+    pose: Pose | None = None
+    for sample in session(world, 2.0, Schedule.parse("[]")):
+        if isinstance(sample, Pose):
+            pose = sample
+            continue
+        if pose is None:
+            continue
+        for one in (replace(pose, stamp=sample.stamp), sample):
+            trace(one, line.step(one), line)
+    assert len(trace.paths.t_s) > 30

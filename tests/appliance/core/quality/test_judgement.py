@@ -244,3 +244,12 @@ def test_a_session_has_the_error_as_it_was_last_known_and_none_beside_a_fault() 
     for t_ns in (4, 4 + 2 * SECOND_NS):
         judgement.note(bounded(judge(t_ns, failing("polarity"), STATUS), error(2.0), None))
     assert judgement.overall(HEALTHY).point is None
+
+
+def test_a_session_that_its_limit_of_a_point_withheld_says_so() -> None:
+    """It said "verified only in parts", though every check was shown."""
+    judgement = Judgement(REQUIRED)
+    judgement.note(bounded(judge(1, UNSEEN, STATUS), None, 2.5))
+    judgement.note(bounded(judge(2, HEALTHY, STATUS), error(3.0), 2.5))
+    verdict = judgement.overall(HEALTHY)
+    assert (verdict.kind, verdict.reason) == (NOT_VERIFIED, "error of a point 3.0 mm, limit 2.5 mm")
