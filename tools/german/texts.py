@@ -240,6 +240,12 @@ GERMAN_OF_TOOLS = {
     "a device was lost before the new calibration was verified: {why}": (
         "ein Gerät ging verloren, bevor die neue Kalibrierung bestätigt war: {why}"
     ),
+    "a device was lost before the new calibration was verified, and the one before is in force": (
+        "ein Gerät ging verloren, bevor die neue Kalibrierung bestätigt war, und die vorige ist in Kraft"
+    ),
+    "As soon as the device is back: probewatch calibration use {file}": (
+        "Sobald das Gerät wieder da ist: probewatch calibration use {file}"
+    ),
     "The old one is in force again; repair the device and recalibrate again": (
         "Die alte ist wieder in Kraft; das Gerät instand setzen und neu kalibrieren"
     ),

@@ -171,6 +171,7 @@ def await_verification(client: ControlClient, socket: Path, wait_s: float, langu
     no other client changes the reference meanwhile. Raises DeviceLost, ControlRefused.
     """
     end_s = time.monotonic() + wait_s
+    given: dict[str, Any] = {}
     move = "now move the probe over tissue, to and fro, tilting and turning it: the service verifies the reference"
     click.echo(told(move, language))
     with progress_bar("{task.fields[state]}: {task.fields[reason]}") as progress:
@@ -181,17 +182,24 @@ def await_verification(client: ControlClient, socket: Path, wait_s: float, langu
             progress.update(task, state=state, reason=with_motions(reason, language))
             if status["state"] != State.RECALIBRATING.value:
                 break
+            given = status.get("reference") or given
             if time.monotonic() > end_s:
                 why = recognised(reason, language)
                 what = told("not verified within {seconds} s: {why}", language, seconds=f"{wait_s:g}", why=why)
-                number = (status.get("reference") or {}).get("number", 0)
-                raise _not_verified(what, language, motions_for(reason), number - 1)
+                raise _not_verified(what, language, motions_for(reason), given.get("number", 0) - 1)
             time.sleep(_LOOK_EVERY_S)
     why = recognised(str(status["reason"]), language)
     if status["state"] == State.DEVICE_LOST.value:
         what = told("a device was lost before the new calibration was verified: {why}", language, why=why)
         remedy = "The old one is in force again; repair the device and recalibrate again"
         raise DeviceLost(what, str(socket), told(remedy, language))
+    if given and (status.get("reference") or given).get("number") != given.get("number"):
+        # The state may be that of a halt which the reference before had latched.
+        what = told(
+            "a device was lost before the new calibration was verified, and the one before is in force", language
+        )
+        again = "As soon as the device is back: probewatch calibration use {file}"
+        raise DeviceLost(what, str(socket), told(again, language, file=given.get("file", "FILE")))
     if status["state"] != State.MONITORING.value:
         what = told("not verified, the service is in state {state}: {why}", language, state=state, why=why)
         raise _not_verified(what, language)

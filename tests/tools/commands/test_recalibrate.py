@@ -194,6 +194,31 @@ class Scripted(Answers):
         return {"status": status, "proposal": PROPOSAL}
 
 
+class GoesBack(Scripted):
+    """As one behind a latched halt that, after one status of the new reference, has lost a device and gone back."""
+
+    def _answer(self, do: str, request: dict[str, Any], who: Peer) -> dict[str, Any]:
+        if do == "end-recalibration":
+            self._state = "recalibrating"
+        answer = super()._answer(do, request, who)
+        number, file = (3, "/srv/new.toml") if self._state == "recalibrating" else (2, "/srv/old.toml")
+        answer["status"]["reference"] = {"number": number, "file": file, "sha256": "00" * 32}
+        if do == "status" and self.asked[-1:] == ["end-recalibration"]:
+            self._state = "halt"
+        return answer
+
+
+def test_a_service_that_has_gone_back_is_no_halt_of_the_new_one(tmp_path, scan) -> None:
+    """The reason of the halt before was told of the new calibration, with a remedy that cannot help."""
+    old = calibration_file(tmp_path, 0, 0, 1)
+    arguments = ("--recording", scan, "--calibration", old, "--socket", tmp_path / "control", "--wait", 5)
+    with GoesBack(tmp_path / "control", "halt"):
+        said = refusal(69, *arguments)
+    assert "a device was lost before the new calibration was verified, and the one before is in force" in said
+    assert "probewatch calibration use /srv/new.toml" in said
+    assert "scripted" not in said
+
+
 @pytest.mark.parametrize(
     ("state", "code", "says"),
     [
