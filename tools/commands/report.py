@@ -68,8 +68,8 @@ def command(config_file: Path, kind: str, day: datetime | None, folder: Path, as
       ssh-keygen -Y verify -f allowed_signers -I CART -n probewatch-report -s FILE.sig < FILE
 
     \b
-    Exit code 0: written. 65: written, but the alarm log or the store of references is damaged, which stands at the top
-    of the report. 78: a file cannot be used.
+    Exit code 0: written. 65: written, but the alarm log, the store of references or a record of a self-test is damaged,
+    which stands at the top of the report. 78: a file cannot be used.
     """
     config = load_config(config_file)
     now = datetime.now(UTC)
@@ -111,7 +111,10 @@ def command(config_file: Path, kind: str, day: datetime | None, folder: Path, as
     if store_fault:
         damaged = "the store of references is damaged, as the top of the report says: {why}"
         click.secho(told(damaged, language, why=lost_text(store_fault, language)), err=True)
-    if reading.broken or store_fault:
+    if self_tests.faults:
+        damaged = "a record of a self-test is damaged, as the top of the report says"
+        click.secho(told(damaged, language), err=True)
+    if reading.broken or store_fault or self_tests.faults:
         sys.exit(65)
 
 

@@ -275,6 +275,9 @@ GERMAN_OF_TOOLS = {
     "per day": "pro Tag",
     "reaches the limit": "erreicht die Grenze",
     "is": "ist",
+    "a record of a self-test is damaged, as the top of the report says": (
+        "eine Aufzeichnung eines Selbsttests ist beschädigt, wie oben im Bericht steht"
+    ),
     "{file} is of an earlier report; --pdf writes it anew": (
         "{file} ist von einem früheren Bericht; --pdf schreibt sie neu"
     ),

@@ -22,7 +22,7 @@ from tests.tools.report.test_period import MONTH, NOW, START, logged, state
 
 @pytest.fixture
 def cart(tmp_path: Path) -> Path:
-    """Its configuration; the log lies in alarms, with two self-tests and one file that is none."""
+    """Its configuration; the log lies in alarms, with two self-tests."""
     folder = logged(tmp_path / "alarms", MONTH)
     kept = folder / "self-tests"
     kept.mkdir()
@@ -30,7 +30,6 @@ def cart(tmp_path: Path) -> Path:
         item = {"name": "disk", "green": passed}
         record = {"utc": "2026-01-05T07:00:00+00:00", "passed": passed, "operator": "anna", "items": [item]}
         (kept / f"{name}.json").write_text(json.dumps(record))
-    (kept / "c.json").write_text("[]")
     config = tmp_path / "probewatch.toml"
     config.write_text(f'{GOOD}[alarm]\nfolder = "{folder}"\n')
     return config
@@ -55,8 +54,15 @@ def test_the_page_holds_everything_and_loads_nothing(cart: Path) -> None:
     text = page.read_text()
     assert "mirrored &amp; &lt;b&gt;" in text, "what the log says is text, never markup"
     assert not re.search(r"(src|href)=[\"']?(?!data:)", text)
-    for words in ("verified in", "tracker-lost", "recalibration", "anna", "failed", "cannot be read", "is whole"):
+    for words in ("verified in", "tracker-lost", "recalibration", "anna", "failed", "is whole"):
         assert words in text, words
+
+
+def test_a_damaged_record_of_a_self_test_is_told_and_ends_as_a_damaged_log_does(cart: Path) -> None:
+    """The page had it in red; the terminal, and the unit that writes the report each month, had nothing."""
+    (cart.parent / "alarms" / "self-tests" / "c.json").write_text("[]")
+    assert "a record of a self-test is damaged, as the top of the report says" in made(cart, code=65)
+    assert "c.json cannot be read" in body(cart, "2026-01")
 
 
 def test_the_axes_of_a_page_are_those_of_its_period(cart: Path) -> None:
