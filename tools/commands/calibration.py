@@ -178,14 +178,18 @@ def diff(before: str, after: str, folder: Path, as_json: bool) -> None:
 
     Where a person must accept the difference under the cart's limits, the output says so; in JSON as beyond_limits.
     """
-    first, second = _pair(before, after, folder)
+    first, second, supposed = _pair(before, after, folder)
     change, cart = difference(first, second), _cart()
     is_beyond = change.beyond(Limits() if cart is None else cart.limits)
     if as_json:
-        click.echo(json_of({**change.fields(), "beyond_limits": is_beyond, "text": change.text}))
+        told_too = {"beyond_limits": is_beyond, "size_taken_from_the_other": supposed or None, "text": change.text}
+        click.echo(json_of({**change.fields(), **told_too}))
         return
     language = cart_language()
     print_difference(change, language)
+    if supposed:
+        size = told(_SUPPOSED, language, file=supposed, width=first.image_size_px[0], height=first.image_size_px[1])
+        click.secho(size, fg="yellow")
     if is_beyond:
         whose = "that probewatch ships with; --config names a cart's" if cart is None else "of the cart"
         must = "beyond the limits of the checks {whose}: a person must accept it before a service uses it"
@@ -315,7 +319,16 @@ def _refuse_running(socket: Path) -> None:
         raise ConfigurationError("a service is running", str(socket), f"Stop it first: {how_to_end(socket)}")
 
 
-def _pair(before: str, after: str, folder: Path) -> tuple[Calibration, Calibration]:
-    """Returns both calibrations. A device set takes the picture size from the other calibration."""
+_SUPPOSED = (
+    "{file} states no picture size: {width} × {height} px, that of the other, is supposed, and the offset depends on "
+    "it. probewatch calibration import with --image-size makes a file that states it"
+)
+
+
+def _pair(before: str, after: str, folder: Path) -> tuple[Calibration, Calibration, str]:
+    """Returns both calibrations, and which of the two, a device set, took the picture size from the other; empty where
+    none did.
+    """
     first, second = NamedReference(before, folder), NamedReference(after, folder)
-    return first.calibration(second.size_px), second.calibration(first.size_px)
+    supposed = "" if first.size_px and second.size_px else after if first.size_px else before
+    return first.calibration(second.size_px), second.calibration(first.size_px), supposed

@@ -191,6 +191,11 @@ GERMAN_OF_TOOLS = {
     "that probewatch ships with; --config names a cart's": (
         "wie probewatch sie mitbringt; --config nennt die eines Wagens"
     ),
+    "{file} states no picture size: {width} × {height} px, that of the other, is supposed, and the offset depends on "
+    "it. probewatch calibration import with --image-size makes a file that states it": (
+        "{file} nennt keine Bildgröße: {width} × {height} px, die der anderen, ist angenommen, und der Offset hängt "
+        "davon ab. probewatch calibration import mit --image-size macht eine Datei, die sie nennt"
+    ),
     "beyond the limits of the checks {whose}: a person must accept it before a service uses it": (
         "jenseits der Grenzen der Prüfungen {whose}: eine Person muss das annehmen, bevor ein Dienst sie verwendet"
     ),

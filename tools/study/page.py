@@ -5,7 +5,7 @@ from __future__ import annotations
 import html
 import importlib.util
 import io
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime
 from math import isfinite
 from pathlib import Path
@@ -54,13 +54,20 @@ def check_page(path: Path) -> None:
     check_replaceable(path, PAGE_BEGINS)
 
 
+def _fault_rates(healthy: Sequence[Coverage], hours: float) -> Iterator[str]:
+    """Yields a paragraph for each judgement of the same pictures. hours: of these."""
+    for asked, profile in sorted({(one.asked, one.profile) for one in healthy}):
+        faulted = sum(one.faulted.k for one in healthy if (one.asked, one.profile) == (asked, profile))
+        rate = f"under {false_rate_per_hour(faulted, hours):.2g} per hour (95 %)"
+        yield f"<p>Runs with a FAULT, {asked}, {profile}: {faulted}; {rate}.</p>"
+
+
 def write_page(path: Path, rows: Sequence[Row]) -> None:
     """Writes the page. Raises ConfigurationError where the file cannot be written. matplotlib must be installed:
     `check_page`.
     """
     healthy, sick = coverages(rows), detections(rows)
     hours = healthy_hours(rows, FPS)
-    faulted = sum(one.faulted.k for one in healthy)
     parts = [
         "<h1>probewatch study</h1>",
         f"<p class=note>{len(rows)} runs · {hours:.2f} h of healthy scanning · code {html.escape(_codes(rows))} · "
@@ -70,7 +77,7 @@ def write_page(path: Path, rows: Sequence[Row]) -> None:
         parts += [
             "<h2>Contact closed, healthy sessions</h2>",
             _svg(_coverage_plot(healthy)),
-            f"<p>Runs with a FAULT: {faulted}; under {false_rate_per_hour(faulted, hours):.2g} per hour (95 %).</p>",
+            *_fault_rates(healthy, hours),
             _coverage_table(healthy),
             "<h2>What each parameter is known to</h2>",
             "<p class=note>Left: stated sigma ÷ least sigma that 30 s of the motion allow (Cramér–Rao). Right: RMS of "

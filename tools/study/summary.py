@@ -123,13 +123,18 @@ def detections(rows: Sequence[Row]) -> list[Detection]:
 
 
 def healthy_hours(rows: Sequence[Row], fps: float) -> float:
-    """Returns the hours of sessions without a hazard."""
-    return sum(number(row, "frames") for row in rows if row["hazard"] == "none") / fps / 3600
+    """Returns the hours of sessions without a hazard, each counted once, however many limits have judged it."""
+    frames = {tuple(row[key] for key in _PICTURES): number(row, "frames") for row in rows if row["hazard"] == "none"}
+    return sum(frames.values()) / fps / 3600
 
 
 def false_rate_per_hour(faults: int, hours: float) -> float:
     """Returns the upper limit (95 %) of the rate of events of which this number was seen."""
     return float(beta.ppf(_SURE, faults + 1, 1e9)) * 1e9 / hours if hours else nan
+
+
+_PICTURES = ("session", "tissue", "seed", "duration_s", "noise_mm", "draw")
+"""Fields of a row that determine its pictures and poses."""
 
 
 def _place(row: Row) -> tuple[str, str, str, str, str]:

@@ -185,6 +185,9 @@ def test_a_device_set_is_compared_for_the_pictures_of_the_other(said, tmp_path):
     device_set.write_text(PLUS)
     read = parse_calibration(PLUS.encode(), device_set, (640, 480))
     change = json.loads(said("diff", device_set, 1, "--json")[1])
+    assert change["size_taken_from_the_other"] == str(device_set)
+    assert f"{device_set} states no picture size: " in said("diff", device_set, 1)[1]
+    assert "states no picture size" not in said("diff", 1, 1)[1]
     assert change["same_image_size"]
     assert change["offset_along_mm"] == pytest.approx(
         [1 - read.offset_mm[0], 2 - read.offset_mm[1], 3 - read.offset_mm[2]]

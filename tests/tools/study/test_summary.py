@@ -53,6 +53,16 @@ def test_coverage_is_of_healthy_runs_alone():
     assert healthy_hours(rows, 30.0) == pytest.approx(2 / 60)
 
 
+def test_pictures_that_several_profiles_judge_are_one_hour(tmp_path):
+    """Three profiles made three independent hours of one, and a bound three times too good."""
+    rows = [row() | {"profile": profile} for profile in ("coarse", "clinical", "fine")]
+    assert healthy_hours(rows, 30.0) == pytest.approx(1 / 60)
+    write_page(tmp_path / "study.html", rows)
+    text = (tmp_path / "study.html").read_text()
+    assert text.count("Runs with a FAULT, everything, ") == 3
+    assert text.count(f": 0; under {false_rate_per_hour(0, 1 / 60):.2g} per hour") == 3
+
+
 def test_a_hazard_is_named_rightly_where_its_own_name_comes_first():
     rows = [
         row(hazard="depth=7@sudden", seed=1, faults="scale offset", fault_s=2.0, opened_s=1.0),
