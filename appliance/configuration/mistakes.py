@@ -3,6 +3,7 @@ meant.
 """
 
 from collections.abc import Callable, Sequence
+from datetime import date
 from pathlib import Path
 from typing import Any, Self, get_args
 
@@ -88,7 +89,7 @@ def _described(item: ErrorDetails, model: type[BaseModel]) -> str:
         return f"{_key(place)} is missing"
     if kind == "extra_forbidden":
         return f"{_key(place)} is not known{_advice(place, model)}"
-    value = item["input"]
+    message, value = message.removeprefix("Value error, "), item["input"]
     if kind == "tuple_type" and not _lists_sections(place, model):
         message = f"must be a list, written [{_toml(value)}, …]"
     elif kind in _WORDS:
@@ -98,7 +99,8 @@ def _described(item: ErrorDetails, model: type[BaseModel]) -> str:
 
 
 def _short(value: Any) -> str:
-    shown = repr(value).lower() if isinstance(value, bool) else repr(value)
+    dated = isinstance(value, date)
+    shown = value.isoformat() if dated else repr(value).lower() if isinstance(value, bool) else repr(value)
     return shown if len(shown) <= _LONGEST_VALUE else f"{shown[:_LONGEST_VALUE]}…"
 
 

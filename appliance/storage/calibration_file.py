@@ -31,6 +31,7 @@ from probewatch.drivers.errors import ConfigurationError
 from probewatch.drivers.files.atomic_file import check_kind, writing
 from probewatch.drivers.files.markup import SAVE_AS_UTF_8, NotUtf8Error, text_of, toml_of
 from probewatch.drivers.files.regular_file import read_bounded, reading
+from probewatch.drivers.printable import printable
 from probewatch.drivers.recordings.foreign import HEAD_BYTES, are_matrix, kind_of
 from probewatch.drivers.rigid import nearest_rotation
 
@@ -105,8 +106,8 @@ class _File(BaseModel):
             raise ValueError("give rotation, scale_mm_per_px and offset_mm together, or image_to_probe alone")
         if self.sigma is not None and set(self.sigma) != set(PARAMETERS):
             raise ValueError(f"the keys of [sigma] are {', '.join(PARAMETERS)}")
-        if not set(self.not_observed) <= set(PARAMETERS):
-            raise ValueError(f"not_observed may name {', '.join(PARAMETERS)}")
+        if unknown := [name for name in self.not_observed if name not in PARAMETERS]:
+            raise ValueError(f"not_observed has '{printable(unknown[0])}'; it may name {', '.join(PARAMETERS)}")
         return self
 
 

@@ -7,6 +7,8 @@ import tomllib
 import xml.etree.ElementTree as ET
 from typing import Any
 
+from probewatch.drivers.printable import printable
+
 _MOST_PARTS = 8
 """Parts of a dotted key. tomllib keeps every prefix of a key, so 8000 parts, which are 16 kB, took 300 MB."""
 
@@ -24,6 +26,7 @@ _STRING = (
     r'"(?:\\.|[^"\\\n])*"',
     r"'[^'\n]*'",
 )
+_TWICE = re.compile(r"Cannot overwrite a value \(at line ([0-9]+), column [0-9]+\)")
 _STRING_OR_COMMENT = re.compile("|".join((*_STRING, r"#[^\n]*")), re.DOTALL)
 _LONG_KEY = re.compile(rf"(?<![\w-])(?:[\w-]++[ \t]*+\.[ \t]*+){{{_MOST_PARTS}}}")
 _ENCODING = re.compile(rb"\xff\xfe|\xfe\xff|\s*<\?xml[^>]{0,200}encoding")
@@ -75,9 +78,21 @@ def toml_of(data: bytes, most_bytes: int) -> dict[str, Any]:
         raise ValueError(f"too large (over {most_bytes // 1000} kB)")
     text = text_of(data)
     _check_nesting(_STRING_OR_COMMENT.sub(lambda found: "" if found[0].startswith("#") else "_", text))
-    table = tomllib.loads(text)
+    try:
+        table = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ValueError(_with_key(str(error), text)) from None
     _check_numbers(table)
     return table
+
+
+def _with_key(message: str, text: str) -> str:
+    """Returns tomllib's message; of a key that is there twice, which tomllib does not name, one that names it."""
+    found = _TWICE.fullmatch(message)
+    if found is None:
+        return message
+    key = text.splitlines()[int(found[1]) - 1].partition("=")[0].strip()
+    return f"the key {printable(key)} is there twice (at line {found[1]})"
 
 
 def xml_of(data: bytes) -> ET.Element:

@@ -218,6 +218,12 @@ def test_two_outputs_on_one_contact_are_refused(tmp_path: Path) -> None:
     assert "two outputs share one contact" in refusal(tmp_path, GOOD + '[[output]]\nurl = "relay:/dev/ttyUSB1"\n')
 
 
+def test_a_key_that_is_there_twice_is_named(tmp_path: Path) -> None:
+    said = refusal(tmp_path, GOOD + "[log]\nlevel = 1\nlevel = 2\n")
+    line = GOOD.count("\n") + 3
+    assert f"is not valid TOML: the key level is there twice (at line {line})" in said
+
+
 def test_the_template_names_no_simulated_device() -> None:
     written = EXAMPLE.read_text(encoding="utf-8")
     assert not re.findall(r'^[^#\n]*"(?:sim|replay):.*$', written, re.M), "a cart must not be watched by a simulation"
@@ -233,6 +239,11 @@ def test_the_template_names_no_simulated_device() -> None:
             "[tracker]",
             '[control]\nviewers = "anna"\n[tracker]',
             "[control] viewers = 'anna': must be a list, written [\"anna\", …]",
+        ),
+        (
+            "[tracker]",
+            "[control]\ngroup = 2020-01-01\n[tracker]",
+            "[control] group = 2020-01-01: must be text in quotes",
         ),
         ("[tracker]", "[control]\nviewers = [5]\n[tracker]", "[control] viewers entry 1 = 5: must be text in quotes"),
         ('[[output]]\nurl = "relay:/dev/ttyUSB1"', "output = 'relay:/x'", "line 6: [tracker] output is not known"),

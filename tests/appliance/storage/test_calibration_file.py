@@ -85,7 +85,7 @@ def toml(tmp_path):
         ("image_size_px = [640", "image_size_px = [0", "line 10: .image_size_px. entry 1 = 0: input"),
         ("rotation-lateral = 1.0", "rotation-lateral = -1.0", ".sigma. rotation-lateral = -1.0"),
         ("rotation-lateral = 1.0", "", "keys of .sigma."),
-        ("not_observed = []", 'not_observed = ["all"]', "not_observed"),
+        ("not_observed = []", 'not_observed = ["all"]', ": not_observed has 'all'; it may name rotation"),
         ("version = 1", "version 1", "is not valid TOML"),
         ("version = 1", "version = " + 5000 * "1", "is not valid TOML"),
         ("version = 1", "version = " + 5000 * "[", "is not valid TOML"),
