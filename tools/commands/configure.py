@@ -347,7 +347,13 @@ def _tell_next(file: Path, was_configured: bool, contact: str, person: Responden
         restart = recognised(how_to_restart(file, is_running=True), person.language)
         click.echo(person.tell("to apply it: {how}", how=f"{sudo}{restart}"))
     else:
-        click.echo(person.tell("a service that was waiting for it starts by itself; see: probewatch status"))
+        named = "" if is_of_the_unit(file) else f" --config {file}"
+        click.echo(
+            person.tell(
+                "a service that was waiting for it starts by itself; see: {command}",
+                command=f"probewatch status{named}",
+            )
+        )
     test = "to test the contact, when it is not in use and no service is running: probewatch probe '{url}' --click"
     click.echo(person.tell(test, url=contact))
     config = config_of(configuration_text(file), file)

@@ -66,7 +66,7 @@ def _episode(text: str) -> Episode:
     "--config",
     "config_path",
     type=click.Path(path_type=Path),
-    help="use the limits and times of this cart configuration",
+    help="use the limits and times of this cart configuration, a whole one",
 )
 @click.option("--poses", type=click.Path(path_type=Path), help="sequence or .csv with the poses, if recorded apart")
 @click.option(

@@ -143,7 +143,7 @@ def _profiles(_context: click.Context, _option: click.Parameter, text: str) -> t
     show_default=True,
     callback=_hazards,
     help="none, all, within (all nine at once, none beyond half of its limit), or KIND=SIZE@MANNER,…: sizes in deg, "
-    "mm, % and ms; manners start, sudden, creeping, unseen; a slash between two at once",
+    "mm, % and ms; manners start (where none is given), sudden, creeping, unseen; a slash between two at once",
 )
 @click.option(
     "--asked",

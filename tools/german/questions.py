@@ -48,8 +48,8 @@ GERMAN_OF_QUESTIONS = {
     "nothing was written": "nichts wurde geschrieben",
     "Ctrl-C where it runs, then {text}": "Strg-C, wo er läuft, dann {text}",
     "to apply it: {how}": "damit es gilt: {how}",
-    "a service that was waiting for it starts by itself; see: probewatch status": (
-        "ein Dienst, der darauf gewartet hat, startet von selbst; siehe: probewatch status"
+    "a service that was waiting for it starts by itself; see: {command}": (
+        "ein Dienst, der darauf gewartet hat, startet von selbst; siehe: {command}"
     ),
     "to test the contact, when it is not in use and no service is running: probewatch probe '{url}' --click": (
         "den Kontakt testen, wenn er nicht benutzt wird und kein Dienst läuft: probewatch probe '{url}' --click"
