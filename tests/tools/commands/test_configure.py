@@ -64,7 +64,7 @@ def test_the_file_of_a_package_becomes_that_of_this_cart(file: Path) -> None:
     comments = [line for line in template().splitlines() if re.match("# [A-Z]", line)]
     assert [line for line in file.read_text().splitlines() if re.match("# [A-Z]", line)] == comments
     assert "recalibrate --live --solve all" in result.stdout
-    assert f"starts by itself; see: probewatch status --config {file}\n" in result.stdout
+    assert f"startet von selbst; siehe: probewatch status --config {file}\n" in result.stdout
 
 
 def test_again_with_the_same_nothing_is_written(file: Path) -> None:
