@@ -23,7 +23,7 @@ from probewatch.drivers.errors import RecordingError
 from probewatch.drivers.printable import printable
 from probewatch.drivers.recordings.replay import SLOWEST_NS
 from probewatch.drivers.samples import Frame, Pose, PoseStatus, Sample, Stamp
-from probewatch.drivers.trackers.plus_transform import rigid_reading
+from probewatch.drivers.trackers.plus_transform import rigid_reading, without_identity
 from probewatch.drivers.video.crop import LEAST_PX
 
 _STAMP_ERR_NS = 500
@@ -85,8 +85,8 @@ def judge(
 
     pictures: (n, height, width) uint8, grey; row 0 nearest the probe's face, column 0 on its marked side.
     picture_times_s: (n,), s, each later than the one before. poses: (m, 4, 4) marker body → tracker or reference tool,
-    mm; a matrix of NaN where the body was not seen. pose_times_s: (m,), s, by the same clock. limits: what a cart's
-    configuration would set; None for those that probewatch ships with.
+    mm; a matrix of NaN, the identity or zeros where the body was not seen. pose_times_s: (m,), s, by the same clock.
+    limits: what a cart's configuration would set; None for those that probewatch ships with.
 
     Raises RecordingError where an array is not of this shape, type or unit. One pose that is not rigid is not used,
     which the report counts.
@@ -127,7 +127,7 @@ def _poses(matrices: NDArray[np.float64], times_ns: list[int]) -> Iterator[Pose]
         if np.isnan(matrix).all():
             yield Pose(stamp, index, None, np.nan, PoseStatus.MISSING, "the pose is NaN: not seen")
         else:
-            reading = rigid_reading(matrix, "the pose")
+            reading = without_identity(rigid_reading(matrix, "the pose"), "the pose")
             yield Pose(stamp, index, reading.matrix, np.nan, reading.status, reading.reason)
 
 

@@ -29,7 +29,13 @@ from probewatch.drivers.openigtlink.stream import Arrived
 from probewatch.drivers.printable import printable
 from probewatch.drivers.rigid import pose_matrix, seen_from
 from probewatch.drivers.samples import Matrix4, Pose, PoseStatus, Stamp
-from probewatch.drivers.trackers.plus_transform import GOOD, TransformReading, rigid_reading, without_matrix
+from probewatch.drivers.trackers.plus_transform import (
+    GOOD,
+    TransformReading,
+    rigid_reading,
+    without_identity,
+    without_matrix,
+)
 from probewatch.drivers.trackers.pose_bounds import UNIT_TOLERANCE
 from probewatch.drivers.trackers.reference_place import ReferencePlace
 from probewatch.drivers.trackers.witness import WitnessSight
@@ -325,7 +331,7 @@ def _readings(message: Message) -> dict[str, TransformReading]:
     if message.kind == "TRANSFORM":
         return {message.device: _of_transform(message)}
     if message.kind == "TDATA":
-        return _named({tool.name: rigid_reading(tool.matrix, tool.name) for tool in parse_tools(message.content)})
+        return _named({tool.name: _checked(tool.matrix, tool.name) for tool in parse_tools(message.content)})
     return _named({tool.name: _of_turn(tool.turn, tool.name) for tool in parse_turned_tools(message.content)})
 
 
@@ -342,7 +348,11 @@ def _of_transform(message: Message) -> TransformReading:
         return without_matrix(status, name)
     if message.said("TransformValid").lower() in ("false", "0"):
         return without_matrix("INVALID", name)
-    return rigid_reading(matrix, name)
+    return _checked(matrix, name)
+
+
+def _checked(matrix: Matrix4, name: str) -> TransformReading:
+    return without_identity(rigid_reading(matrix, name), name)
 
 
 def _of_turn(turn: Turn, name: str) -> TransformReading:
@@ -351,4 +361,4 @@ def _of_turn(turn: Turn, name: str) -> TransformReading:
     if not abs(length - 1) <= UNIT_TOLERANCE:
         reason = f"{printable(name)} has a quaternion of length {length:.4g}"
         return TransformReading(None, PoseStatus.NOT_UNDERSTOOD, reason)
-    return rigid_reading(pose_matrix((w, x, y, z), turn.position), name)
+    return _checked(pose_matrix((w, x, y, z), turn.position), name)

@@ -125,8 +125,8 @@ class PoseTable:
             reason = status if " " in status else f"the status is {status[:_MOST_QUOTED]!r}, not 'ok'"
             return TransformReading(None, PoseStatus.MISSING, reason)
         values = [self._number(index, column) for column in self._columns]
-        if self._columns == _MATRIX:
-            return rigid_reading(_from_rows(values), name)
+        if self._columns == _MATRIX or not any(values):
+            return rigid_reading(_from_rows(values) if any(values) else np.zeros((4, 4)), name)
         length = math.hypot(*values[3:])
         if math.isfinite(length) and not _SHORTEST < length < _LONGEST:
             reason = f"{name} has a quaternion of length {length:.4g}, not 1"

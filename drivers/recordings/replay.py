@@ -23,7 +23,7 @@ from probewatch.drivers.recordings.metaimage import MetaImage
 from probewatch.drivers.recordings.sequence import Sequence, read_sequence
 from probewatch.drivers.recordings.unread import fields_unread, turned_note, unread_note
 from probewatch.drivers.samples import Frame, Matrix4, Pose, PoseStatus, Sample, Stamp
-from probewatch.drivers.trackers.plus_transform import TransformReading
+from probewatch.drivers.trackers.plus_transform import TransformReading, is_identity, without_identity
 
 _STAMP_ERR_NS = 500
 """Half of the last digit that PLUS prints, ns; a recording states nothing more about the error of its stamps."""
@@ -53,7 +53,8 @@ class Recording:
     None where the session has no poses. witness: name of the transform of a second body on the probe, in the same frame
     as tool; None where there is none. frame_order, pose_order: (t_ns, index) of the entries that are passed on, in time
     order. left_out: reason → number of frames that are not passed on. poses_left_out: the same for poses, where they
-    have times of their own. orientation: the one that was named for the pictures, None where none was.
+    have times of their own. orientation: the one that was named for the pictures, None where none was. at_origin: True
+    where the reference is the identity throughout, as where it is the tracker's own frame.
     """
 
     pictures: Sequence
@@ -66,6 +67,7 @@ class Recording:
     poses_left_out: dict[str, int] = field(default_factory=dict)
     witness: str | None = None
     orientation: str | None = None
+    at_origin: bool = False
 
     @property
     def size_px(self) -> tuple[int, int] | None:
@@ -141,17 +143,22 @@ class Recording:
     def _witnessed(self, index: int) -> Matrix4 | None:
         if self.witness is None:
             return None
-        return self._fixed(self.poses.transform(index, self.witness), index).matrix
+        return self._fixed(self.transform(index, self.witness), index).matrix
+
+    def transform(self, index: int, name: str) -> TransformReading:
+        """Returns a transform of one entry, without a matrix where none was measured. Raises RecordingError."""
+        reading = self.poses.transform(index, name)
+        return reading if self.at_origin and name == self.reference else without_identity(reading, name)
 
     def _reading(self, index: int) -> TransformReading:
         """Returns probe → reference tool: inv(ReferenceToTracker) · ProbeToTracker where two transforms make it."""
         assert self.tool is not None
-        return self._fixed(self.poses.transform(index, self.tool), index)
+        return self._fixed(self.transform(index, self.tool), index)
 
     def _fixed(self, tool: TransformReading, index: int) -> TransformReading:
         if self.reference is None or tool.matrix is None:
             return tool
-        reference = self.poses.transform(index, self.reference)
+        reference = self.transform(index, self.reference)
         if reference.matrix is None:
             return reference
         return TransformReading(_inverse(reference.matrix) @ tool.matrix, PoseStatus.OK)
@@ -199,7 +206,14 @@ def open_recording(
         poses_left_out={_POSE_DISORDER: poses_disordered} if poses_disordered and has_own_times else {},
         witness=_witness_name(pose_source, tool, probe or "Probe", witness),
         orientation=orientation,
+        at_origin=fixed is not None and _is_origin(pose_source, fixed),
     )
+
+
+def _is_origin(poses: Sequence, name: str) -> bool:
+    """Returns whether the transform is the identity wherever it has a matrix."""
+    readings = (poses.transform(index, name) for index in range(len(poses)))
+    return all(is_identity(reading) for reading in readings if reading.matrix is not None)
 
 
 def _check_overlap(pictures: tuple[tuple[int, int], ...], poses: tuple[tuple[int, int], ...], source: Sequence) -> None:

@@ -52,17 +52,32 @@ def without_matrix(status: str, name: str) -> TransformReading:
 
 def rigid_reading(matrix: Matrix4, name: str) -> TransformReading:
     """Returns the reading of a matrix, with the rounding of the transmitted digits removed. A matrix that is not rigid
-    is refused: its reading has no pose, and states the reason. So is the identity, and zeros, which programs write for
-    a tool that is not seen: no tool is at the tracker's own origin.
+    is refused: its reading has no pose, and states the reason.
     """
-    if np.array_equal(matrix, np.eye(4)) or not matrix[:3].any():
-        return TransformReading(None, PoseStatus.MISSING, f"{printable(name)} is not a measurement (identity or zeros)")
+    if not matrix[:3].any():
+        return _not_measured(name)
     if wrong := _no_pose(matrix):
         return TransformReading(None, PoseStatus.NOT_UNDERSTOOD, f"{printable(name)} {wrong}")
     u, _, vt = np.linalg.svd(matrix[:3, :3])
     rigid = np.eye(4)
     rigid[:3, :3], rigid[:3, 3] = u @ vt, matrix[:3, 3]
     return TransformReading(rigid, PoseStatus.OK)
+
+
+def without_identity(reading: TransformReading, name: str) -> TransformReading:
+    """Returns the reading, without a pose where its matrix is the identity. Programs write the identity, or zeros, for
+    a tool that is not seen; no tool is at the tracker's own origin.
+    """
+    return _not_measured(name) if is_identity(reading) else reading
+
+
+def is_identity(reading: TransformReading) -> bool:
+    return reading.matrix is not None and np.array_equal(reading.matrix, np.eye(4))
+
+
+def _not_measured(name: str) -> TransformReading:
+    reason = f"{printable(name)} is not a measurement (identity or zeros)"
+    return TransformReading(None, PoseStatus.MISSING, reason)
 
 
 def _no_pose(matrix: Matrix4) -> str:

@@ -118,7 +118,7 @@ def recorded_motion(path: Path, probe: str | None = None, reference: str | None 
     tracks = {}
     for tool, transform in names.items():
         if transform is not None:
-            poses = [recording.poses.transform(index, transform).matrix for _, index in recording.pose_order]
+            poses = [recording.transform(index, transform).matrix for _, index in recording.pose_order]
             begin_ns = recording.pose_order[0][0]
             tracks[tool] = Track([(t_ns - begin_ns) / 1e9 for t_ns, _ in recording.pose_order], poses)
     return _of_tracks(tracks)

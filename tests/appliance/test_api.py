@@ -52,6 +52,11 @@ def test_the_code_of_the_page_runs(block, capsys):
     assert capsys.readouterr().out.count("NOT_VERIFIED") >= 12
 
 
+def test_an_identity_among_the_poses_is_no_pose(arrays):
+    arrays["poses"][5] = np.eye(4)
+    assert judge(**arrays).report.unusable == {"the pose is not a measurement (identity or zeros)": 1}
+
+
 def test_the_answer_is_that_of_replay(arrays, tmp_path):
     frames, poses = arrays["pictures"], arrays["poses"]
     sequence = [

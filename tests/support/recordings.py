@@ -63,7 +63,7 @@ def items(count: int = 4, size_px: tuple[int, int] = SIZE_PX) -> list[SequenceIt
         SequenceItem(
             START_NS + index * PERIOD_NS,
             picture(index, size_px),
-            {"ProbeToTracker": turn(0.1 * index, 10.0 * index + 1.0), "ReferenceToTracker": turn(0.5, 0, 3)},
+            {"ProbeToTracker": turn(0.1 * index, 10.0 * index, 2), "ReferenceToTracker": turn(0.5, 0, 3)},
             sequence=100 + 2 * index,
         )
         for index in range(count)

@@ -50,7 +50,7 @@ def test_what_was_written_is_read(tmp_path, orientation, compressed, detached):
     for index, image in enumerate(pictures):
         np.testing.assert_array_equal(image, picture(index))
         np.testing.assert_allclose(
-            sequence.transform(index, "ProbeToTracker").matrix, turn(0.1 * index, 10.0 * index + 1.0)
+            sequence.transform(index, "ProbeToTracker").matrix, turn(0.1 * index, 10.0 * index, 2)
         )
 
 

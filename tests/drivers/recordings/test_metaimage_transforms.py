@@ -28,6 +28,7 @@ IDENTITY = "1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1"
         (IDENTITY.replace("1", "-1", 1), "not a rotation"),
         (IDENTITY.replace("1", "nan", 1), "not finite"),
         (IDENTITY.replace("0", "1e400", 1), "not finite"),
+        ("0 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1", "not a rotation"),
         ("1 0 0 0 0 1 0 0 0 0 1 0 0 0 0.1 1", "not a rotation"),
         ("0.2 0 0 0 0 0.2 0 0 0 0 0.2 0 0 0 0 1", "not a rotation"),
         ("1 0 0 0 0 1 0 0 0 0 -1 0 0 0 0 1", "not a rotation"),

@@ -10,6 +10,8 @@ import pytest
 from probewatch.drivers.clock.host_clock import HostClock
 from probewatch.drivers.errors import ConfigurationError, DeviceLost, RecordingError
 from probewatch.drivers.recordings.metaimage_writing import write_metaimage
+from probewatch.drivers.recordings.nrrd import write_nrrd
+from probewatch.drivers.recordings.pose_table import write_poses
 from probewatch.drivers.recordings.replay import open_recording
 from probewatch.drivers.registry import open_output, open_tracker, open_video
 from probewatch.drivers.samples import Frame, Pose, PoseStatus
@@ -42,13 +44,13 @@ def test_pose_and_frame_of_one_entry_share_its_stamp_pose_first(session):
 
 def test_pose_is_composed_over_the_reference(session):
     for index, pose in enumerate(poses_of(session)):
-        expected = np.linalg.inv(turn(0.5, 0, 3)) @ turn(0.1 * index, 10.0 * index + 1.0)
+        expected = np.linalg.inv(turn(0.5, 0, 3)) @ turn(0.1 * index, 10.0 * index, 2)
         np.testing.assert_allclose(pose.matrix, expected, atol=1e-12)
         assert pose.status is PoseStatus.OK
 
 
 def test_reference_tracker_leaves_the_reference_out(session):
-    np.testing.assert_allclose(poses_of(session, reference="Tracker")[2].matrix, turn(0.2, 21), atol=1e-12)
+    np.testing.assert_allclose(poses_of(session, reference="Tracker")[2].matrix, turn(0.2, 20, 2), atol=1e-12)
 
 
 def test_recorded_pose_to_reference_is_preferred(tmp_path):
@@ -70,6 +72,56 @@ def test_an_invalid_transform_is_a_missing_pose_with_its_reason(tmp_path, name):
     assert [pose.status for pose in poses] == [PoseStatus.OK, PoseStatus.MISSING, PoseStatus.OK, PoseStatus.OK]
     assert poses[1].matrix is None
     assert poses[1].reason == f"{name} is INVALID"
+
+
+NO_POSE = {"identity": np.eye(4), "zeros": np.zeros((4, 4)), "zeros and 0 0 0 1": np.diag([0, 0, 0, 1.0])}
+
+
+def table(path, items):
+    """The poses as a CSV, with a film's times."""
+    rows = (
+        {"t_s": item.t_ns / 1e9, "status": "ok"}
+        | {f"m{row}{column}": item.transforms["ProbeToTracker"][row, column] for row in range(3) for column in range(4)}
+        for item in items
+    )
+    write_poses(path, rows)
+
+
+@pytest.mark.parametrize("what", NO_POSE)
+@pytest.mark.parametrize("suffix", [".igs.mha", ".igs.nrrd", ".csv"])
+@pytest.mark.parametrize("name", ["ProbeToTracker", "ReferenceToTracker"])
+def test_identity_and_zeros_are_no_pose_as_live(tmp_path, name, suffix, what):
+    """Without a status 12 of 335 poses that were the identity had a healthy probe named for a bent marker body."""
+    broken = items()
+    broken[1] = replace(broken[1], transforms={**broken[1].transforms, name: NO_POSE[what]})
+    path = tmp_path / f"a{suffix}"
+    if suffix == ".csv":
+        if name == "ReferenceToTracker":
+            pytest.skip("a table has no reference")
+        table(path, broken)
+    else:
+        (write_nrrd if suffix == ".igs.nrrd" else write_metaimage)(path, broken, SIZE_PX)
+    poses = poses_of(path)
+    assert [pose.status for pose in poses] == [PoseStatus.OK, PoseStatus.MISSING, PoseStatus.OK, PoseStatus.OK]
+    assert poses[1].reason == f"{name} is not a measurement (identity or zeros)"
+
+
+def test_quaternions_of_zeros_are_no_pose(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text("t_s,x_mm,y_mm,z_mm,qw,qx,qy,qz\n0,1,2,3,1,0,0,0\n.1,0,0,0,1,0,0,0\n.2,0,0,0,0,0,0,0\n")
+    assert [pose.status.value for pose in poses_of(path)] == ["ok", "missing", "missing"]
+
+
+def test_a_reference_that_is_the_identity_throughout_is_the_tracker(tmp_path):
+    here = [replace(item, transforms={**item.transforms, "ReferenceToTracker": np.eye(4)}) for item in items()]
+    poses = poses_of(written(tmp_path / "a.mha", here))
+    assert all(pose.status is PoseStatus.OK for pose in poses)
+    np.testing.assert_allclose(poses[2].matrix, turn(0.2, 20, 2), atol=1e-12)
+
+
+def test_a_probe_that_is_the_identity_throughout_has_no_pose(tmp_path):
+    here = [replace(item, transforms={"ProbeToTracker": np.eye(4)}) for item in items()]
+    assert {pose.status for pose in poses_of(written(tmp_path / "a.mha", here))} == {PoseStatus.MISSING}
 
 
 @pytest.mark.parametrize(

@@ -18,8 +18,8 @@ POSE = turn(0.3, 50.0, 20.0)
         (POSE @ np.diag([1, 1, -1, 1]), "left-handed"),
         (POSE @ np.array([[1, 0.2, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1.0]]), "sheared"),
         (POSE.T, "transposed"),
-        (turn(0.3) - 0.1 * np.eye(4), "last row is not 0 0 0 1"),
-        (np.diag([1, 0, 1, 1.0]), "an axis is zero"),
+        (np.diag([1, 1, 1, 0.0]), "last row is not 0 0 0 1"),
+        (np.diag([0, 1, 1, 1.0]), "an axis is zero"),
         (POSE + 3e6 * np.eye(4, k=3), "further away than any tool"),
         (np.full((4, 4), np.nan), "not finite"),
     ],
@@ -33,11 +33,3 @@ def test_it_is_not_understood_and_says_what_it_is(matrix, said):
 
 def test_a_pose_of_six_digits_is_one():
     assert rigid_reading(np.round(POSE, 6), "ProbeToTracker").status is PoseStatus.OK
-
-
-@pytest.mark.parametrize("matrix", [np.eye(4), np.zeros((4, 4)), np.diag([0, 0, 0, 1.0])])
-def test_what_programs_write_for_a_tool_that_is_not_seen_is_missing(matrix):
-    """A recording with twelve of them among its poses had its healthy probe named `rotation`."""
-    reading = rigid_reading(matrix, "ProbeToTracker")
-    assert (reading.matrix, reading.status) == (None, PoseStatus.MISSING)
-    assert reading.reason == "ProbeToTracker is not a measurement (identity or zeros)"

@@ -32,7 +32,7 @@ def samples():
         t_ns = START_NS + k * 40_000_000
         yield Frame(Stamp(t_ns, 500), 10 + k, picture(k, SIZE_PX))
         status = PoseStatus.MISSING if k == 5 else PoseStatus.OK
-        matrix = None if k == 5 else turn(0.05 * k, k / 3)
+        matrix = None if k == 5 else turn(0.05 * k, k / 3, 1)
         yield Pose(Stamp(t_ns + 20_000_000, 1), k, matrix, 0.1, status, "" if matrix is not None else "hidden")
 
 
@@ -57,10 +57,10 @@ def pose_at(k: int) -> np.ndarray | None:
         return None
     first, then = (1, 0) if k not in (5, 6) else ((1, 1) if k == 5 else (2, 0))
     if k == 5:
-        return interpolate(turn(0.05 * 4, 4 / 3), turn(0.05 * 6, 6 / 3), 0.25)
+        return interpolate(turn(0.05 * 4, 4 / 3, 1), turn(0.05 * 6, 6 / 3, 1), 0.25)
     if k == 6:
-        return interpolate(turn(0.05 * 4, 4 / 3), turn(0.05 * 6, 6 / 3), 0.75)
-    return interpolate(turn(0.05 * (k - first), (k - first) / 3), turn(0.05 * (k - then), (k - then) / 3), 0.5)
+        return interpolate(turn(0.05 * 4, 4 / 3, 1), turn(0.05 * 6, 6 / 3, 1), 0.75)
+    return interpolate(turn(0.05 * (k - first), (k - first) / 3, 1), turn(0.05 * (k - then), (k - then) / 3, 1), 0.5)
 
 
 @pytest.mark.parametrize("form", [".igs.mha", ".igs.nrrd"])

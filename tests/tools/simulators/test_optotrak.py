@@ -72,7 +72,7 @@ def test_poses_of_a_file_arrive_as_they_stand_there(tmp_path: Path, simulate: Ca
 
 def test_poses_of_a_recording_arrive_as_recorded(tmp_path: Path, simulate: Callable[..., str]) -> None:
     session = [
-        SequenceItem(round(n * 1e8), np.zeros((16, 16), np.uint8), {"ProbeToTracker": turn(0.01 * n, 2.0 * n)}, n)
+        SequenceItem(round(n * 1e8), np.zeros((16, 16), np.uint8), {"ProbeToTracker": turn(0.01 * n, 2.0 * n, 1)}, n)
         for n in range(200)
     ]
     write_metaimage(tmp_path / "session.mha", session, (16, 16))
@@ -80,7 +80,7 @@ def test_poses_of_a_recording_arrive_as_recorded(tmp_path: Path, simulate: Calla
         for _ in range(5):
             pose = usable(tracker)
             t_s = pose.sequence / 100
-            np.testing.assert_allclose(pose.matrix, turn(0.1 * t_s, 20 * t_s), atol=1e-3)
+            np.testing.assert_allclose(pose.matrix, turn(0.1 * t_s, 20 * t_s, 1), atol=1e-3)
 
 
 @pytest.mark.thorough
