@@ -7,7 +7,7 @@ import click
 from probewatch.appliance.storage.black_box import Series
 from probewatch.drivers.errors import RecordingError
 from probewatch.drivers.files.atomic_file import check_new
-from probewatch.tools.shared.export import FORMS, export
+from probewatch.tools.shared.export import FORMS, export, missing_parts
 from probewatch.tools.shared.found_recordings import BOXES, found, is_there
 
 
@@ -50,6 +50,8 @@ def command(recordings: tuple[Path, ...], form: str | None, output: Path | None)
     if path is None:
         path = Path(f"{series[0].boxes[0].path.stem}{ending}")
         check_new(path)
+    for lacking in missing_parts(series[0]):
+        click.secho(lacking, err=True, fg="yellow")
     number, left_out = export(series[0], form, path)
     if damage := series[0].damage_text:
         click.secho(f"damaged: {damage}", err=True, fg="yellow")

@@ -4,6 +4,7 @@ import csv
 import io
 from bisect import bisect
 from collections.abc import Iterable, Iterator
+from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
@@ -11,7 +12,7 @@ import cv2
 import numpy as np
 
 from probewatch.appliance.core.times import MOST_APART_NS
-from probewatch.appliance.storage.black_box import Series
+from probewatch.appliance.storage.black_box import BlackBox, Series
 from probewatch.appliance.storage.black_box_fields import Made, State
 from probewatch.appliance.types import Verdict, VerdictKind
 from probewatch.drivers.errors import ConfigurationError, RecordingError
@@ -42,6 +43,24 @@ class Written(NamedTuple):
 
     number: int
     left_out: int = 0
+
+
+def missing_parts(series: Series) -> Iterator[str]:
+    """Yields one line for each place where parts of the run are missing, in seconds of its first picture or pose."""
+    for before, box in pairwise(series.boxes):
+        first, last = before.begun.part + 1, box.begun.part - 1
+        if first <= last:
+            parts = f"part {first} is missing" if first == last else f"parts {first} to {last} are missing"
+            start_ns = _span_ns(series.boxes[0])[0]
+            from_s, until_s = ((t_ns - start_ns) / 1e9 for t_ns in (_span_ns(before)[1], _span_ns(box)[0]))
+            lacking = "neither picture nor reading of the tracker"
+            yield f"The recording has {lacking} for {until_s - from_s:.1f} s from {from_s:.2f} s on: {parts}"
+
+
+def _span_ns(box: BlackBox) -> tuple[int, int]:
+    """Returns the first and the last time of its pictures and poses; when it was begun where it has none."""
+    times_ns = [t_ns for _, t_ns in box.stamps()] or [box.begun.t_ns]
+    return min(times_ns), max(times_ns)
 
 
 def export(series: Series, form: str, path: Path) -> Written:

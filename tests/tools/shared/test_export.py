@@ -1,5 +1,6 @@
 """What is exported is read by others and by us as it was recorded."""
 
+import io
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,14 +12,14 @@ from click.testing import CliRunner
 
 from probewatch.appliance.core.estimator_settings import EstimatorSettings
 from probewatch.appliance.limits import Limits
-from probewatch.appliance.storage.black_box import BlackBox, Series
+from probewatch.appliance.storage.black_box import BlackBox, BlackBoxWriter, Series
 from probewatch.appliance.types import Calibration
 from probewatch.drivers.errors import RecordingError
 from probewatch.drivers.recordings.replay import open_recording
 from probewatch.drivers.rigid import interpolate
 from probewatch.drivers.samples import Frame, Pose, PoseStatus, Stamp
 from probewatch.tools.commands.export import command
-from tests.support.black_boxes import record
+from tests.support.black_boxes import begun, record
 from tests.support.recordings import picture, turn
 
 SIZE_PX = (64, 48)
@@ -135,6 +136,31 @@ def test_what_cannot_be_exported_is_refused(box: Path, tmp_path: Path) -> None:
     assert "exists already" in str(there.exception)
     assert other.read_bytes() == b"ObjectType = Image\n"
     assert "does not end in .mp4" in runner.invoke(command, [str(box), "--to", "mp4", "--output", "x.avi"]).output
+
+
+@pytest.mark.parametrize("form", ["csv", ".igs.mha", "mp4"])
+def test_a_part_that_is_missing_is_told(box: Path, tmp_path: Path, form: str) -> None:
+    """Replay told of the gap, and the table had it without a word."""
+    parts = [box]
+    for part in (2, 4):
+        data = io.BytesIO()
+        writer = BlackBoxWriter(data, begun(START_NS, part=part))
+        for sample in samples():
+            t_ns = sample.stamp.t_ns + part * 10**9
+            writer.put(replace(sample, stamp=replace(sample.stamp, t_ns=t_ns)), t_ns)
+        writer.finish()
+        parts.append(tmp_path / f"{part}.mcap")
+        parts[-1].write_bytes(data.getvalue())
+    told = []
+    for several in (parts[:2], parts):
+        line = [*map(str, several), "--to", form, "--output", str(tmp_path / f"{len(several)}.{form.lstrip('.')}")]
+        result = CliRunner().invoke(command, line, catch_exceptions=False)
+        assert result.exit_code == 0
+        told.append(result.stderr)
+    wanted = (
+        "The recording has neither picture nor reading of the tracker for 1.5 s from 2.46 s on: part 3 is missing\n"
+    )
+    assert told == ["", wanted]
 
 
 @pytest.mark.parametrize("form", [".igs.mha", ".igs.nrrd"])
