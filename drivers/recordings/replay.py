@@ -17,10 +17,11 @@ from probewatch.drivers.clock.host_clock import HostClock
 from probewatch.drivers.closable import Closable
 from probewatch.drivers.errors import DeviceLost, RecordingError
 from probewatch.drivers.recordings import REPLAY
-from probewatch.drivers.recordings.advice import POSES_APART, in_url
+from probewatch.drivers.recordings.advice import in_url
 from probewatch.drivers.recordings.film import Film
 from probewatch.drivers.recordings.metaimage import MetaImage
 from probewatch.drivers.recordings.sequence import Sequence, read_sequence
+from probewatch.drivers.recordings.transform_names import transform_names, witness_name
 from probewatch.drivers.recordings.unread import fields_unread, turned_note, unread_note
 from probewatch.drivers.samples import Frame, Matrix4, Pose, PoseStatus, Sample, Stamp
 from probewatch.drivers.trackers.plus_transform import TransformReading, is_identity, without_identity
@@ -184,7 +185,7 @@ def open_recording(
     """
     pictures = read_sequence(path, orientation)
     pose_source = pictures if poses is None else read_sequence(poses)
-    tool, fixed = _transform_names(pose_source, probe or "Probe", reference, need_poses)
+    tool, fixed = transform_names(pose_source, probe or "Probe", reference, need_poses)
     frame_order, disordered = _in_time_order(pictures) if pictures.size_px else ((), 0)
     shown = tuple(entry for entry in frame_order if pictures.image_ok(entry[1]))
     left_out = {
@@ -204,7 +205,7 @@ def open_recording(
         pose_order=pose_order,
         left_out={reason: number for reason, number in left_out.items() if number},
         poses_left_out={_POSE_DISORDER: poses_disordered} if poses_disordered and has_own_times else {},
-        witness=_witness_name(pose_source, tool, probe or "Probe", witness),
+        witness=witness_name(pose_source, tool, fixed, probe or "Probe", witness),
         orientation=orientation,
         at_origin=fixed is not None and _is_origin(pose_source, fixed),
     )
@@ -304,70 +305,6 @@ def _from_url(target: str, options: dict[str, str], need_poses: bool) -> tuple[R
     except RecordingError as error:
         raise RecordingError(error.what, error.where, in_url(error.remedy)) from None
     return recording, start_s
-
-
-def _transform_names(
-    poses: Sequence, probe: str, reference: str | None, required: bool
-) -> tuple[str | None, str | None]:
-    """Returns (transform of the tool, transform of the reference or None) by the rule of open_recording.
-
-    Where the transforms are missing, raises RecordingError if they are required, and returns None for both if not.
-    """
-    there = poses.transform_names()
-    target = reference or "Reference"
-    direct, tool, fixed = f"{probe}To{target}", f"{probe}ToTracker", f"{target}ToTracker"
-    if direct in there:
-        return direct, None
-    if tool in there and (fixed in there or reference is None):
-        return tool, fixed if fixed in there else None
-    if not required:
-        return None, None
-    names = ", ".join(there) if there else "none"
-    what = f"has neither {direct} nor {tool}{f' with {fixed}' if reference else ''}; its transforms: {names}"
-    if tool in there:
-        remedy = "Name the reference tool with --reference, or Tracker where there is none"
-        raise RecordingError(what, str(poses.path), remedy)
-    if misnamed := [name for name in poses.misnamed() if name not in there]:
-        what += f"; sixteen numbers without the ending Transform: {', '.join(misnamed)}"
-        likely = next((name for name in misnamed if name.lower() in (direct.lower(), tool.lower())), misnamed[0])
-        named = direct if likely.lower() == direct.lower() else tool
-        raise RecordingError(what, str(poses.path), f"Call {likely} {named}Transform in each frame, as PLUS does")
-    raise RecordingError(what, str(poses.path), _how_to_name(there))
-
-
-def _how_to_name(there: list[str]) -> str:
-    """Returns what to do about a pose that has another name, judged by the transforms that are there."""
-    parts = [name.rpartition("To") for name in there]
-    ends = "Reference", "Tracker"
-    tools = {tool for tool, _, end in parts if tool not in ("", "Reference", "Image") and end in ends}
-    if not there:
-        return f"Give a recording that holds its poses; {POSES_APART}, a sequence or a table"
-    inverse = [f"{begin}To{end}" for begin, _, end in parts if begin in ends and end not in (*ends, "Image")]
-    if not tools and inverse:
-        return (
-            f"{inverse[0]} is the other way round: write its inverse, from the tool to {inverse[0].partition('To')[0]}"
-        )
-    if not tools and any(begin == "Image" for begin, _, _ in parts):
-        return "ImageTo… has the calibration in it: record the pose of the tool, such as ProbeToTracker"
-    if not tools:
-        return f"Name the tool with --probe and --reference; {POSES_APART}"
-    listed = " or ".join(f"--probe {name}" for name in sorted(tools))
-    return f"Say which of them is on the ultrasound probe: {listed}; {POSES_APART}"
-
-
-def _witness_name(poses: Sequence, tool: str | None, probe: str, witness: str | None) -> str | None:
-    """Returns the name of the transform of the second body, into the frame of the probe's pose; None where none was
-    named and none is there. Raises RecordingError where one was named and is missing.
-    """
-    if tool is None:
-        return None
-    name = f"{witness or 'Witness'}{tool.removeprefix(probe)}"
-    if name in poses.transform_names():
-        return name
-    if witness is None:
-        return None
-    names = ", ".join(poses.transform_names())
-    raise RecordingError(f"has no {name}; its transforms: {names}", str(poses.path), "Name a second body of the probe")
 
 
 def _in_time_order(sequence: Sequence) -> tuple[tuple[tuple[int, int], ...], int]:

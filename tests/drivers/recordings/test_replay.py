@@ -135,6 +135,11 @@ def test_a_probe_that_is_the_identity_throughout_has_no_pose(tmp_path):
     ("options", "complaint"),
     [
         ({"probe": "Stylus"}, "neither StylusToReference nor StylusToTracker; its transforms: ProbeToTracker, Ref"),
+        ({"probe": "Stylus", "reference": "Tracker"}, "session.igs.mha: has no StylusToTracker; its tr"),
+        ({"probe": "Probe", "reference": "Probe"}, "takes ProbeToTracker as probe and as reference"),
+        ({"probe": "Reference"}, "takes ReferenceToTracker as probe and as reference"),
+        ({"witness": "Probe"}, "has ProbeToTracker as the probe or the reference already"),
+        ({"witness": "Reference"}, "has ReferenceToTracker as the probe or the reference already"),
         ({"reference": "Table"}, "neither ProbeToTable nor ProbeToTracker with TableToTracker; its transforms: Pr"),
     ],
 )

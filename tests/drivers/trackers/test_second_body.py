@@ -142,6 +142,11 @@ def test_one_tool_is_no_witness_for_itself(tmp_path: Path) -> None:
     for options in ({"probe": "@1", "witness": "@1"}, {"probe": rom, "witness": rom}, {"probe": rom, "witness": same}):
         with pytest.raises(ConfigurationError, match="is the same tool as probe"):
             ndi_options(options, "ndi:x")
+    for options in ({"probe": "@1", "reference": "@1"}, {"probe": rom, "reference": same}):
+        with pytest.raises(ConfigurationError, match=f"reference={options['reference']} is the same tool as probe"):
+            ndi_options(options, "ndi:x")
+    with pytest.raises(ConfigurationError, match="is the same tool as reference"):
+        ndi_options({"probe": "@1", "reference": "@2", "witness": "@2"}, "ndi:x")
     with pytest.raises(ConfigurationError, match="a witness or further tools need a probe"):
         ndi_options({"witness": "@2"}, "ndi:x")
     assert ndi_options({"probe": f"{rom}@1", "witness": f"{rom}@2"}, "ndi:x").witness is not None
