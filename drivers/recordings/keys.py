@@ -10,7 +10,6 @@ from decimal import Decimal, InvalidOperation
 from pathlib import Path
 
 from probewatch.drivers.errors import RecordingError
-from probewatch.drivers.printable import printable
 
 IMAGE_STATUS, ORIENTATION, IMAGE_TYPE = "ImageStatus", "UltrasoundImageOrientation", "UltrasoundImageType"
 NAMES: Mapping[str, tuple[str, ...]] = {
@@ -30,25 +29,46 @@ _LABELS_OF_TIME = ("", "time", "t")
 a heartbeat."""
 _FROM = (0, 1)
 """Numbers that the first frame may have: PLUS and 3D Slicer count from 0, MATLAB scripts from 1."""
+FRAME_KEY = re.compile(r"Seq_Frame([0-9]{1,9})_(\S+)")
+_ORIENTATION_LETTERS = 2
+"""Letters of an orientation that say how pictures lie; the third is of volumes, and may be left out."""
+_MOST_QUOTED = 40
+"""Characters of a value that are repeated: a line of a terminal has 80."""
 
 Fields = dict[str, str]
 
 
-def known(fields: Mapping[str, str]) -> Fields:
-    """Returns the fields by the names used here. Where a file states a field under two names, that used here counts."""
-    own = {name: _FIRST.get(_plain(name), name) for name in fields}
-    other = {own[name]: value for name, value in fields.items() if own[name] != name}
-    return {**other, **{name: value for name, value in fields.items() if own[name] == name}}
+def take(key: str, value: str, path: Path, general: Fields, frames: dict[int, Fields]) -> None:
+    """Adds one line of a header to the fields of its frame, or to those of all. Raises RecordingError where the key was
+    there with another value.
+    """
+    match = FRAME_KEY.fullmatch(key)
+    fields, name = (frames.setdefault(int(match[1]), {}), match[2]) if match else (general, key)
+    if fields.setdefault(name, value) != value:
+        raise _contradiction(path, (key, fields[name]), (key, value))
 
 
-def agreed(fields: Mapping[str, str], path: Path) -> Fields:
-    """Returns the same. Raises RecordingError where the two names of a field state different things."""
-    for first in NAMES:
-        said = {name: value for name, value in fields.items() if _FIRST.get(_plain(name)) == first}
-        if len(set(said.values())) > 1:
-            both = " and ".join(f"'{name}' is '{printable(value)}'" for name, value in said.items())
-            raise RecordingError(f"contradicts itself: {both}", str(path), "Leave the right one in its header")
-    return known(fields)
+def known(fields: Mapping[str, str], path: Path, overruled: str = "", begins: str = "") -> Fields:
+    """Returns the fields by the names used here, without the overruled one. begins: what stands before their names in
+    the file. Raises RecordingError where it states one field under two names, with values that contradict one another.
+    """
+    said: dict[str, tuple[str, str]] = {}
+    for name, value in fields.items():
+        own = _FIRST.get(_plain(name), name)
+        other = said.setdefault(own, (name, value))
+        if own != overruled and _meaning(own, other[1]) != _meaning(own, value):
+            raise _contradiction(path, (begins + other[0], other[1]), (begins + name, value))
+    return {own: value for own, (_, value) in said.items() if own != overruled}
+
+
+def _meaning(field: str, value: str) -> str:
+    return value.upper()[:_ORIENTATION_LETTERS] if field == ORIENTATION else value.upper()
+
+
+def _contradiction(path: Path, one: tuple[str, str], other: tuple[str, str]) -> RecordingError:
+    (first, said), (name, value) = one, other
+    what = f"says {first} {said[:_MOST_QUOTED]!r} and {name} {value[:_MOST_QUOTED]!r}, which contradict one another"
+    return RecordingError(what, str(path), "Leave the wrong one out of its header")
 
 
 def _plain(name: str) -> str:
@@ -58,12 +78,14 @@ def _plain(name: str) -> str:
 _FIRST = {_plain(name): one for one, names in NAMES.items() for name in names}
 
 
-def from_zero(frames: Mapping[int, Fields], count: int) -> list[Fields] | None:
-    """Returns the fields of each frame in order, numbered from 0 or 1; None where frames are missing or too many."""
+def from_zero(frames: Mapping[int, Fields], count: int, path: Path) -> list[Fields] | None:
+    """Returns the fields of each frame in order, numbered from 0 or 1; None where frames are missing or too many.
+    Raises RecordingError as known does.
+    """
     first = min(frames, default=0)
     if first not in _FROM or len(frames) != count or max(frames, default=-1) != first + count - 1:
         return None
-    return [known(frames[first + index]) for index in range(count)]
+    return [known(frames[n], path, begins=f"Seq_Frame{n:04d}_") for n in range(first, first + count)]
 
 
 def missing(frames: Mapping[int, Fields], count: int) -> int | None:

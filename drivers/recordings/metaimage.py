@@ -21,7 +21,7 @@ from probewatch.drivers.files.markup import numbers_of
 from probewatch.drivers.files.regular_file import reading, refuse_irregular
 from probewatch.drivers.printable import printable
 from probewatch.drivers.recordings.foreign import HEAD_BYTES, are_matrix, are_numbers, refuse_foreign
-from probewatch.drivers.recordings.keys import IMAGE_STATUS, ORIENTATION, agreed, from_zero, missing
+from probewatch.drivers.recordings.keys import IMAGE_STATUS, ORIENTATION, from_zero, known, missing, take
 from probewatch.drivers.recordings.picture_blocks import inflated, raw
 from probewatch.drivers.recordings.unread import beside_layout
 from probewatch.drivers.samples import GreyImage, Matrix4, PoseStatus
@@ -47,7 +47,6 @@ _DECIMAL_COMMA = re.compile(r"[+-]?[0-9]+,[0-9]+")
 """A number as spreadsheets and programs write it in countries with a decimal comma."""
 _WITHOUT_LAST_ROW = 12
 """Number of values of a matrix without 0 0 0 1."""
-FRAME_KEY = re.compile(r"Seq_Frame([0-9]{1,9})_(\S+)")
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,11 +184,8 @@ def _read_header(stream: BinaryIO, path: Path) -> tuple[dict[str, str], dict[int
         if lines > MAX_HEADER_LINES or (lines % 1000 == 0 and stream.tell() > MAX_HEADER_BYTES):
             raise RecordingError("the header is longer than any of PLUS", str(path), "Record in shorter parts")
         key, value = _header_line(stream, path)
-        match = FRAME_KEY.fullmatch(key)
-        if match:
-            frames.setdefault(int(match[1]), {})[match[2]] = value
-        elif key:
-            general[key] = value
+        if key:
+            take(key, value, path, general, frames)
     return general, frames
 
 
@@ -218,7 +214,7 @@ def checked_header(
     the file that ElementDataFile names, beside it. window_bits: as zlib has them for compressed pictures. Raises
     RecordingError, OSError.
     """
-    general = agreed(general, path)
+    general = known(general, path, ORIENTATION if orientation else "")
     channels = _integer(path, _CHANNELS, general.get(_CHANNELS, "1"))
     width, height, count = _dimensions(path, general)
     if not count:
@@ -266,7 +262,7 @@ def _bytes_of(sequence: MetaImage) -> int:
 
 def _entries(path: Path, frames: dict[int, dict[str, str]], count: int, sides: tuple[int, int]) -> list[dict[str, str]]:
     """Returns the fields of each frame. sides: width and height as the header has them."""
-    entries = from_zero(frames, count)
+    entries = from_zero(frames, count, path)
     if entries is not None:
         return entries
     if not frames:

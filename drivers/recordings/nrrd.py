@@ -17,9 +17,8 @@ from probewatch.drivers.errors import RecordingError
 from probewatch.drivers.files.atomic_file import replacing
 from probewatch.drivers.files.regular_file import reading, refuse_irregular
 from probewatch.drivers.printable import printable
-from probewatch.drivers.recordings.keys import IMAGE_STATUS, IMAGE_TYPE, NAMES, ORIENTATION, agreed, index_times
+from probewatch.drivers.recordings.keys import IMAGE_STATUS, IMAGE_TYPE, NAMES, ORIENTATION, index_times, known, take
 from probewatch.drivers.recordings.metaimage import (
-    FRAME_KEY,
     MAX_HEADER_BYTES,
     MAX_HEADER_LINES,
     MetaImage,
@@ -79,7 +78,9 @@ def _read(path: Path, orientation: str | None) -> MetaImage:
         general = _with_list(general, len(frames))
         frames = frames or _index_times(path, general)
         _refuse_volume(path, general, frames)
-        return checked_header(path, _as_metaimage(path, general, encoding, named), frames, offset, orientation, _GZIP)
+        return checked_header(
+            path, _as_metaimage(path, general, encoding, named, orientation), frames, offset, orientation, _GZIP
+        )
     except OSError as error:
         raise unreadable(path, error) from error
 
@@ -149,7 +150,9 @@ def _refuse_volume(path: Path, general: dict[str, str], frames: dict[int, dict[s
         raise RecordingError(what, str(path), "It has neither times nor poses: give the sequence as it was recorded")
 
 
-def _as_metaimage(path: Path, general: dict[str, str], encoding: str, named: str) -> dict[str, str]:
+def _as_metaimage(
+    path: Path, general: dict[str, str], encoding: str, named: str, orientation: str | None
+) -> dict[str, str]:
     """Returns the header in the words of MetaImage."""
     axes = list(zip(general.get("sizes", "").split(), general.get("kinds", "").lower().split(), strict=False))
     channels = int(axes.pop(0)[0]) if axes and axes[0] in _COLOURS else 1
@@ -166,6 +169,7 @@ def _as_metaimage(path: Path, general: dict[str, str], encoding: str, named: str
         what = f"kinds '{general['kinds']}' are not domain domain list"
         raise RecordingError(what, str(path), "Record 8-bit grey B-mode pictures, one after the other")
     kind = general.get("type", "").lower()
+    own = known(general, path, ORIENTATION if orientation else "")
     return {
         **{name: general[name] for name in beside_layout(general)},
         "DimSize": " ".join(size for size, _ in axes),
@@ -174,7 +178,7 @@ def _as_metaimage(path: Path, general: dict[str, str], encoding: str, named: str
         "ElementDataFile": named,
         "ElementNumberOfChannels": str(channels),
         "HeaderSize": general.get("byte skip", general.get("byteskip", "0")),
-        **{name: value for name, value in agreed(general, path).items() if name == ORIENTATION},
+        **{name: value for name, value in own.items() if name == ORIENTATION},
     }
 
 
@@ -205,8 +209,4 @@ def _take(text: str, path: Path, general: dict[str, str], frames: dict[int, dict
         raise RecordingError(what, str(path), "Give a sequence that 3D Slicer or PLUS has stored")
     key = printable(key.strip())
     key, value = (key, value[1:].strip()) if value.startswith("=") else (key.lower(), value.strip())
-    match = FRAME_KEY.fullmatch(key)
-    if match:
-        frames.setdefault(int(match[1]), {})[match[2]] = value
-    else:
-        general[key] = value
+    take(key, value, path, general, frames)
