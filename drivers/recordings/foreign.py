@@ -19,7 +19,9 @@ _PICTURE = "Give the whole sequence with its poses, as PLUS records it (.igs.mha
 _VOLUME = "It has neither times nor poses: give the sequence from which it was made"
 _REPLAY = "Play it back while PLUS records pictures and poses into .igs.mha"
 _BLACK_BOX = "A black box: probewatch replay FILE, or probewatch export it to .igs.mha; a ROS bag: play it into PLUS"
-_UNPACK = "Unpack it, and give the .igs.mha or .mhd that is in it; save a spreadsheet of poses as CSV"
+_UNPACK = (
+    "Unpack it, and give the recording that is in it, such as .igs.mha or .mhd; save a spreadsheet of poses as CSV"
+)
 _AS_CSV = "Save its table of poses as CSV (docs/black-box.md has the columns)"
 
 _ARRAYS = "Give arrays to appliance.api.judge (docs/python.md)"

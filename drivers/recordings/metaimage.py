@@ -192,7 +192,7 @@ def _read_header(stream: BinaryIO, path: Path) -> tuple[dict[str, str], dict[int
 def _header_line(stream: BinaryIO, path: Path) -> tuple[str, str]:
     """Returns the next (key, value); both are empty for a blank line."""
     line = stream.readline(MAX_LINE_BYTES)
-    text = line.decode("utf-8", errors="replace").strip()
+    text = line.decode("utf-8-sig", errors="replace").strip()
     key, equals, value = text.partition("=")
     if len(line) == MAX_LINE_BYTES or (line.endswith(b"\n") and text and not equals):
         what = f"header line {text[:40]!r} is not 'key = value'"

@@ -17,7 +17,16 @@ from probewatch.drivers.errors import RecordingError
 from probewatch.drivers.files.atomic_file import replacing
 from probewatch.drivers.files.regular_file import reading, refuse_irregular
 from probewatch.drivers.printable import printable
-from probewatch.drivers.recordings.keys import IMAGE_STATUS, IMAGE_TYPE, NAMES, ORIENTATION, index_times, known, take
+from probewatch.drivers.recordings.keys import (
+    FRAME_KEY,
+    IMAGE_STATUS,
+    IMAGE_TYPE,
+    NAMES,
+    ORIENTATION,
+    index_times,
+    known,
+    take,
+)
 from probewatch.drivers.recordings.metaimage import (
     MAX_HEADER_BYTES,
     MAX_HEADER_LINES,
@@ -38,6 +47,7 @@ _COLOURS = {(size, kind) for size, kinds in (("3", "rgb-color"), ("4", "rgba-col
 _MOST_LINE_BYTES = 4_000_000
 """Bytes of a line of the header: 3D Slicer writes the times of all pictures in one line; this many bytes hold eight
 hours at 20 Hz."""
+_CUT = "It is cut short; copy it again"
 _PLANAR_AXES = 3  # of SimpleITK: columns, rows, pictures
 _MOST_AXES = 4  # of PLUS and 3D Slicer: a third spatial axis of one plane
 
@@ -189,9 +199,11 @@ def _read_header(stream: BinaryIO, path: Path) -> tuple[dict[str, str], dict[int
         line = stream.readline(_MOST_LINE_BYTES)
         text = line.decode("utf-8", errors="replace").strip()
         if not text:
-            if line or "data file" in general or "datafile" in general:
+            if line or _names_data(general):
                 return general, frames
-            raise RecordingError("the header does not end", str(path), "It is cut short; copy it again")
+            raise RecordingError("the header does not end", str(path), _CUT)
+        if not line.endswith(b"\n") and len(line) < _MOST_LINE_BYTES and not _names_data(general):
+            raise RecordingError(f"the header ends within its line {text[:40]!r}", str(path), _CUT)
         if len(line) == _MOST_LINE_BYTES or stream.tell() > MAX_HEADER_BYTES:
             break
         if number and not text.startswith("#"):
@@ -202,11 +214,19 @@ def _read_header(stream: BinaryIO, path: Path) -> tuple[dict[str, str], dict[int
     raise RecordingError("the header is longer than any of PLUS", str(path), "Record in shorter parts")
 
 
+def _names_data(general: dict[str, str]) -> bool:
+    """Returns whether the pictures are in another file, so that the header may end with its file."""
+    return "data file" in general or "datafile" in general
+
+
 def _take(text: str, path: Path, general: dict[str, str], frames: dict[int, dict[str, str]]) -> None:
     key, colon, value = text.partition(":")
     if not colon:
         what = f"header line {text[:40]!r} is neither 'field: value' nor 'key:=value'"
         raise RecordingError(what, str(path), "Give a sequence that 3D Slicer or PLUS has stored")
     key = printable(key.strip())
+    if FRAME_KEY.fullmatch(key) and not value.startswith("="):
+        what = f"header line {text[:40]!r} has ': ' after its key"
+        raise RecordingError(what, str(path), "Write ':=' after every key that is not a field of NRRD itself")
     key, value = (key, value[1:].strip()) if value.startswith("=") else (key.lower(), value.strip())
     take(key, value, path, general, frames)

@@ -10,6 +10,10 @@ from probewatch.drivers.errors import RecordingError
 BLOCK_BYTES = 262_144
 """Bytes copied or unpacked at a time: a little less than a picture of 640 × 480. More takes memory, less takes calls.
 Not measured."""
+_WRONG_HEADER = "incorrect header check"
+"""What zlib says of data that another program, or none, has compressed."""
+_OTHERS = {b"\x1f": "gzip", b"\x78": "zlib"}
+"""First byte of compressed data → what has compressed them."""
 
 
 def raw(stream: BinaryIO, path: Path, count: int, frame_bytes: int) -> Iterator[bytes]:
@@ -48,6 +52,11 @@ def _inflate(inflator: "zlib._Decompress", stream: BinaryIO, path: Path, wanted:
             missing -= len(part)
             if not source and not part:
                 break
-    except zlib.error:
+    except zlib.error as error:
+        other = _OTHERS.get(source[:1], "") if _WRONG_HEADER in str(error) else ""
+        if other:
+            what = f"the pictures are compressed by {other}, not as the header says"
+            right = "gzip" if other == "zlib" else "zlib"
+            raise RecordingError(what, str(path), f"Compress them by {right}, or store them raw") from None
         raise RecordingError("the compressed pictures are damaged", str(path), "Copy the file again") from None
     return b"".join(parts)

@@ -1,5 +1,8 @@
 """NRRD sequences: as PLUS and 3D Slicer store them, read by others, and refused where they are none."""
 
+import gzip
+import re
+import zlib
 from dataclasses import replace
 from pathlib import Path
 
@@ -40,6 +43,42 @@ def test_it_says_the_same_as_a_metaimage(path: Path, tmp_path: Path) -> None:
             np.testing.assert_array_equal(one.image, two.image)
         else:
             assert one.matrix.tobytes() == two.matrix.tobytes()
+
+
+def test_keys_with_a_colon_alone_are_named(path: Path) -> None:
+    """It was told that no picture has a field of its own."""
+    path.write_bytes(path.read_bytes().replace(b":=", b": "))
+    with pytest.raises(RecordingError, match=r"header line 'Seq_Frame0000_.* has ': ' after its key. Write ':='"):
+        read_nrrd(path)
+
+
+@pytest.mark.parametrize("part", ["Seq_Frame0001_Time", "Seq_Frame0001_Timestamp:=", "dimen"])
+def test_a_header_that_is_cut_within_a_line_is_cut(path: Path, part: str) -> None:
+    data = path.read_bytes()
+    path.write_bytes(data[: data.index(part.encode())] + part.encode())
+    with pytest.raises(RecordingError, match=f"the header ends within its line '{part}'. It is cut short"):
+        read_nrrd(path)
+
+
+@pytest.mark.parametrize(("suffix", "by", "right"), [(".igs.mha", "gzip", "zlib"), (".igs.nrrd", "zlib", "gzip")])
+def test_pictures_that_are_compressed_by_another_program_are_not_damaged(tmp_path: Path, suffix, by, right) -> None:
+    path = tmp_path / f"scan{suffix}"
+    (write_nrrd if suffix == ".igs.nrrd" else write_metaimage)(path, items(), SIZE_PX)
+    end = b"\n\n" if suffix == ".igs.nrrd" else b"ElementDataFile = LOCAL\n"
+    head = re.sub(b"CompressedDataSize = .*\n", b"", path.read_bytes().partition(end)[0]) + end
+    pixels = b"".join(picture(index).tobytes() for index in range(4))
+    path.write_bytes(head + (gzip.compress(pixels) if by == "gzip" else zlib.compress(pixels)))
+    with pytest.raises(
+        RecordingError, match=f"are compressed by {by}, not as the header says. Compress them by {right}"
+    ):
+        list(read_sequence(path).pictures())
+
+
+def test_a_byte_order_mark_is_no_part_of_a_name(tmp_path: Path) -> None:
+    path = tmp_path / "scan.igs.mha"
+    write_metaimage(path, items(), SIZE_PX)
+    path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes())
+    assert open_recording(path).notes == []
 
 
 @pytest.mark.parametrize("write", [write_nrrd, write_metaimage])
