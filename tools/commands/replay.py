@@ -17,7 +17,6 @@ from probewatch.appliance.storage.black_box import Series
 from probewatch.appliance.storage.calibration_file import (
     calibration_bytes,
     check_own_name,
-    is_device_set,
     read_calibration,
 )
 from probewatch.appliance.supervision.timeline import Judging
@@ -204,7 +203,7 @@ def _replayed(
         session = open_recording(
             one, poses=names.poses, probe=names.probe, reference=names.reference, orientation=names.orientation
         )
-    if session.size_px is None and is_device_set(calibration_bytes(calibration)):
+    if session.size_px is None:
         raise RecordingError("holds no pictures", str(_path(one)), "Give those, and this with --poses")
     _refuse_late(schedule, (session.overlap_ns[1] - session.start_ns) / 1e9)
     nominal = read_calibration(calibration, session.size_px, names.probe or "Probe")

@@ -203,5 +203,5 @@ def _wanted(body: Body, who: str) -> Wanted:
         return Wanted(number=number, confirm=confirm, sha256=sha256, who=who)
     file = body.get("file")
     if not isinstance(file, str) or not file or not file.isprintable():
-        raise ControlRefused("file must name a calibration file")
+        raise ControlRefused("file must name a calibration file, or number an earlier reference")
     return Wanted(file=Path(file), confirm=confirm, sha256=sha256, who=who, scanned=scanned)

@@ -8,12 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from probewatch.appliance.core.estimator_settings import EstimatorSettings
 from probewatch.appliance.limits import Limits
 from probewatch.appliance.service.devices.source_thread import TrackerThread
 from probewatch.appliance.supervision.device_health import DeviceHealth, Timeouts
 from probewatch.appliance.supervision.device_watchers import watch_devices
 from probewatch.appliance.supervision.timeline import Judging, Timeline
-from probewatch.appliance.types import Fault, State, Verdict, VerdictKind
+from probewatch.appliance.types import Calibration, Fault, State, Verdict, VerdictKind
 from probewatch.drivers.clock.host_clock import HostClock
 from probewatch.drivers.recordings.metaimage_writing import write_metaimage
 from probewatch.drivers.recordings.nrrd import write_nrrd
@@ -23,6 +24,7 @@ from probewatch.drivers.twins.faults import Episode, Schedule
 from probewatch.tools.shared.inject import inject
 from tests.drivers.recordings.test_film import film
 from tests.support.answers import answered
+from tests.support.black_boxes import record
 from tests.support.recordings import PERIOD_NS, REPLAYED_PX, START_NS, items, picture, plus_file
 
 
@@ -300,14 +302,17 @@ def test_pictures_left_out_count_as_unpaired(calibration, tmp_path):
     assert data["unpaired"]["picture marked invalid"] == 1
 
 
-def test_a_tracker_only_recording_is_not_verified(calibration, tmp_path):
-    path = tmp_path / "poses.mha"
-    write_metaimage(path, [replace(item, image=None) for item in items(20)], None)
-    code, out, _ = run(path, "--calibration", calibration, "--json")
+def test_a_black_box_without_pictures_is_not_verified(tmp_path):
+    path = tmp_path / "poses.mcap"
+    watched = Calibration(np.eye(3), (1, 1), np.array([0.2, 0.2]), np.zeros(3), REPLAYED_PX)
+    record(path, EstimatorSettings(1, watched, Limits(), 500_000_000), [reply(k, PoseStatus.OK) for k in range(20)])
+    code, out, _ = run(path, "--json")
     data = json.loads(out)
     assert (code, data["frames"], data["poses"], data["verdict"]) == (0, 0, 20, "NOT_VERIFIED")
-    said = run(path, "--calibration", calibration)[1].splitlines()[-1]
-    assert said.endswith("there are no pictures, without which motion shows nothing"), "it asked for more motion"
+    said = run(path)[1].splitlines()[-1]
+    assert "verdict: NOT_VERIFIED  there are no pictures, without which motion shows nothing" in said, (
+        "it asked for more motion"
+    )
 
 
 @pytest.mark.parametrize(

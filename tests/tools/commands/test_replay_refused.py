@@ -133,11 +133,19 @@ def test_where_most_pictures_have_no_pose_the_verdict_says_why(tmp_path, calibra
     assert f"verdict: NOT_VERIFIED  {said}" in out
 
 
-def test_poses_without_pictures_are_told_as_that(tmp_path, calibration):
-    """And not as a calibration without a size."""
-    write_metaimage(tmp_path / "poses.mha", [replace(item, image=None) for item in items(9)], None)
-    calibration.write_text("<PlusConfiguration/>")
-    code, _, err = run(tmp_path / "poses.mha", "--calibration", calibration)
+@pytest.mark.parametrize("suffix", [".mha", ".csv"])
+@pytest.mark.parametrize("device_set", [True, False])
+def test_poses_without_pictures_are_told_as_that(tmp_path, calibration, device_set, suffix):
+    """And not as a calibration without a size, nor by a report whose picture-flip is OK."""
+    alone = [replace(item, image=None) for item in items(9)]
+    path = tmp_path / f"poses{suffix}"
+    if suffix == ".csv":
+        path.write_text("t_s,x_mm,y_mm,z_mm,qw,qx,qy,qz\n0,1,2,3,1,0,0,0\n0.1,2,2,3,1,0,0,0\n")
+    else:
+        write_metaimage(path, alone, None)
+    if device_set:
+        calibration.write_text("<PlusConfiguration/>")
+    code, _, err = run(path, "--calibration", calibration)
     assert code == 65
     assert "holds no pictures. Give those, and this with --poses" in err
 

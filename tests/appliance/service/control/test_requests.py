@@ -113,7 +113,7 @@ def test_who_is_a_viewer() -> None:
 
 @pytest.mark.parametrize("file", ["", "\0", "a\nb", "\ud800", 7, None, ["x"]])
 def test_what_is_no_name_of_a_file_is_refused(file: object) -> None:
-    with pytest.raises(ControlRefused, match="must name a calibration file"):
+    with pytest.raises(ControlRefused, match="must name a calibration file, or number an"):
         Desk().requests.answer("propose-calibration", {"file": file}, ANNA)
 
 
