@@ -28,6 +28,7 @@ from probewatch.appliance.supervision.policy import Durations
 from probewatch.appliance.supervision.supervisor import AlarmTable
 from probewatch.appliance.types import Fault, State
 from probewatch.tools.development import profiles as profile_page
+from probewatch.tools.development.check_rows import check_rows
 from probewatch.tools.development.driver_pages import written as driver_pages
 from probewatch.tools.development.evidence_pages import pages, read_figures
 from probewatch.tools.development.hazards import PAGE, TESTS, hazards, step_text, steps, traced
@@ -78,7 +79,7 @@ while it is latched."""
 def manual() -> str:
     """Returns the whole page, Markdown."""
     tables = (
-        *(_hazards(), _signals(), _audio(), _policy(), _certainty(), _durations()),
+        *(_hazards(), _checks(), _signals(), _audio(), _policy(), _certainty(), _durations()),
         *(_transitions(), _guards()),
     )
     return "\n".join((_HEAD, *(line for table in tables for line in table))).rstrip("\n") + "\n"
@@ -219,6 +220,16 @@ def _hazards() -> list[str]:
     head = ("text", "what to do", "class", "limit (default)")
     rows = ((f"**{row.text}**", _remedies(row), f"`{name}`", _limit(name)) for name, row in HAZARDS.items())
     return ["## Hazards", "", text, "", *table(head, rows)]
+
+
+def _checks() -> list[str]:
+    """Returns what each check measures."""
+    text = (
+        "What `checks` of [status](control.md), [feed](feed.md) and [report](replay-report.md) measure. Beside each "
+        "value stands its `limit`, beyond which a fault is named."
+    )
+    head = ("name", "class", "measures", "against", "unit")
+    return ["## Checks", "", text, "", *table(head, check_rows())]
 
 
 def _remedies(row: FaultRow) -> str:

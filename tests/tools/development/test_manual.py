@@ -13,6 +13,7 @@ from probewatch.appliance.limits import Limits
 from probewatch.appliance.service.control.requests import Requests, ServiceActions
 from probewatch.appliance.service.control.status import alarm_fields, check_lists
 from probewatch.appliance.supervision.alarms import HAZARDS
+from probewatch.appliance.supervision.faults import FAULT_ROWS
 from probewatch.appliance.supervision.supervisor import AlarmTable
 from probewatch.appliance.types import AlarmState, Fault, State
 from probewatch.drivers.registry import drivers
@@ -28,6 +29,15 @@ FIGURES = read_figures()
 
 def test_the_page_on_alarms_is_the_one_the_code_writes() -> None:
     assert MANUAL.read_text(encoding="utf-8") == manual(), "run make docs"
+
+
+def test_every_check_is_described_once_on_the_page_on_alarms() -> None:
+    """Their names stood in status, feed and report, and on no page."""
+    names = [f"`{name}`" for row in FAULT_ROWS.values() for name in row.checks]
+    rows = [line.split(" | ") for line in manual().partition("## Checks")[2].partition("## Signals")[0].splitlines()]
+    told = [row for row in rows if len(row) == 5 and row[0].startswith("| `")]
+    assert sorted(row[0].removeprefix("| ") for row in told) == sorted(names)
+    assert all(row[2] and row[3] for row in told)
 
 
 def test_the_page_on_hazards_is_the_one_the_code_writes() -> None:
