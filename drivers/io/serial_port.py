@@ -57,4 +57,6 @@ def _refusal(path: str, error: OSError) -> DeviceLost:
         return DeviceLost("no permission to open the serial port", path, remedy)
     if not Path(path).exists():
         return DeviceLost("no such serial port", path, "Plug the cable in, or correct the path in the configuration")
+    if f"({errno.ENOTTY}," in str(error) or error.errno == errno.EISDIR:
+        return DeviceLost("is no serial port", path, "Correct the path: `probewatch devices` lists what is connected")
     return DeviceLost(f"the serial port cannot be opened ({error})", path, "Check cable and adapter")

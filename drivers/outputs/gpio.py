@@ -24,6 +24,8 @@ from probewatch.drivers.outputs.heartbeat import Heartbeat, heartbeat_from
 from probewatch.drivers.printable import printable
 
 _CONSUMER = "probewatch"
+_NO_CHIP = (errno.ENODEV, errno.ENOTTY)
+"""What the kernel says when a file that is no GPIO chip is opened as one."""
 
 Line = int | str
 Settings = dict[Iterable[Line] | Line, gpiod.LineSettings | None]
@@ -78,6 +80,9 @@ class GpioOutput(Closable):
             self._label = _label(path)
             self._request = gpiod.request_lines(path, consumer=_CONSUMER, config=settings)
         except (OSError, ValueError) as error:
+            if isinstance(error, OSError) and error.errno in _NO_CHIP:
+                remedy = "Correct the path: `probewatch devices` lists what is connected"
+                raise DeviceLost("is no GPIO chip", self.where, remedy) from error
             raise self._refusal(error) from error
 
     def close(self) -> None:

@@ -119,6 +119,7 @@ def command(url: str | None, seconds: float, only: str | None, may_click: bool) 
 
 
 def _probe_output(url: str, may_click: bool, clock: HostClock) -> None:
+    check_options(url, "output")
     if not may_click:
         if url.startswith("tone:"):
             what, remedy = "probing an output sounds its tone", "Add --click while the tone is not in use"

@@ -17,6 +17,11 @@ GERMAN_OF_ERRORS = {
     "Permission denied": "keine Berechtigung",
     # serial ports and the network
     "no such serial port": "keine solche serielle Schnittstelle",
+    "is no serial port": "ist keine serielle Schnittstelle",
+    "is no GPIO chip": "ist kein GPIO-Chip",
+    "Correct the path: `probewatch devices` lists what is connected": (
+        "Den Pfad berichtigen: `probewatch devices` nennt, was angeschlossen ist"
+    ),
     "Plug the cable in, or correct the path in the configuration": (
         "Das Kabel einstecken, oder den Pfad in der Konfiguration berichtigen"
     ),

@@ -102,6 +102,9 @@ def test_a_tracker_that_falls_silent_is_an_error_after_what_was_measured() -> No
         ("vicon://host", 78, "'vicon:' is not a known device kind"),
         ("optotrak:", 78, "names no device"),
         ("igtl://127.0.0.1:1?colour=yes", 78, "unknown option 'colour'"),
+        ("relay:/dev/no-such-port?channel=300", 78, "channel=300"),
+        ("serialpin:/dev/no-such-port?pin=rst", 78, "pin=rst is not a line that can be driven"),
+        ("gpio:/dev/no-such-chip", 78, "line"),
         ("relay:/dev/no-such-port", 78, "Add --click while the contact is not in use"),
     ],
 )
@@ -298,6 +301,20 @@ def test_where_no_pose_is_sent_there_is_none_to_name() -> None:
     with serving(picture) as url:
         code, _, err = probed(f"{url}?deadline_ms=5000", "--only", "poses", seconds="0.5")
     assert (code, "sends IMAGE 'Image'. Have the server send the tool's pose as TRANSFORM" in err) == (69, True), err
+
+
+@pytest.mark.parametrize(
+    ("url", "words"),
+    [
+        ("relay:/dev/null", "/dev/null: is no serial port. Correct the path"),
+        ("relay:/dev", "/dev: is no serial port. Correct the path"),
+        ("gpio:/dev/null?line=3", "gpio:/dev/null line 3: is no GPIO chip. Correct the path"),
+        ("gpio:/dev?line=3", "gpio:/dev line 3: is no GPIO chip. Correct the path"),
+    ],
+)
+def test_what_is_no_device_has_no_cable_to_check(url: str, words: str) -> None:
+    code, _, err = probed(url, "--click")
+    assert (code, words in err) == (69, True), err
 
 
 def test_a_tone_has_no_contact_to_move() -> None:
