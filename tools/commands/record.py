@@ -59,7 +59,7 @@ def _start(config_file: Path) -> str:
 
 def _print(fields: dict[str, object], language: str) -> None:
     for name, said in told(fields):
-        click.echo(f"{recorder_text(name, language):<15}{recorder_text(said, language)}")
+        click.echo(f"{recorder_text(name, language):<17}{recorder_text(said, language)}")
 
 
 def told(fields: Mapping[str, Any]) -> list[tuple[str, str]]:

@@ -195,6 +195,8 @@ def _advice(status: Status) -> str:
 
 def _prompt(status: Status) -> str:
     """Returns the motion that shows what is missing, or what must be done before motion can show anything."""
+    if status["state"] == State.RECALIBRATING.value:  # the remedy is said already, as the advice
+        return ""
     asked = status.get("gesture") or (status["state"] == State.NOT_VERIFIED.value and status.get("reference_waits"))
     return shown(status["remedy"]) if status["fault"] in (None, Fault.UNDECIDED) and asked else ""
 

@@ -14,7 +14,7 @@ from click.testing import CliRunner
 from probewatch.appliance.configuration.config import load_config
 from probewatch.appliance.service.control.server import ControlRefused
 from probewatch.drivers.errors import ConfigurationError
-from probewatch.tools.commands.record import command, told
+from probewatch.tools.commands.record import _print, command, told
 from probewatch.tools.recorder.run import RecorderService, ask
 from tests.appliance.configuration.test_config import GOOD
 from tests.support.answers import answered
@@ -183,3 +183,9 @@ def test_who_may_look_on_alone_marks_nothing(tmp_path: Path, viewer: bool) -> No
         finally:
             ended.set()
             writing.join()
+
+
+def test_a_german_name_does_not_run_into_what_is_said(capsys: pytest.CaptureFixture[str]) -> None:
+    """It was "dieser Abschnittnicht markiert"."""
+    _print({**ANSWER, "marked": False}, "de")
+    assert "dieser Abschnitt nicht markiert" in capsys.readouterr().out.replace("  ", " ")

@@ -338,3 +338,8 @@ def test_why_a_calibration_has_ended_is_told_in_german() -> None:
 def test_while_recalibrating_the_status_says_what_comes_next() -> None:
     shown = " ".join(drawn(120, status(state="recalibrating", reason="", remedy="Finish the scan")))
     assert "Finish the scan" in shown
+
+
+def test_while_recalibrating_the_remedy_is_said_once() -> None:
+    asked = status(state="recalibrating", reason="", remedy="Finish the scan", gesture=["tilt it"])
+    assert " ".join(drawn(120, asked)).count("Finish the scan") == 1
