@@ -1,5 +1,6 @@
 """The real service, on simulated devices, when descriptors run out and when a crowd connects and says nothing."""
 
+import contextlib
 import json
 import os
 import resource
@@ -8,6 +9,7 @@ import subprocess
 import sys
 import time
 from functools import partial
+from itertools import count
 from pathlib import Path
 
 import pytest
@@ -35,23 +37,36 @@ def monitoring(cart: Cart) -> Cart:
     return cart
 
 
-def without_descriptors(pid: int) -> tuple[int, int]:
+def without_descriptors(service: int, lock: Path) -> tuple[int, int]:
     """From now on the process can open nothing more; what the limit was.
 
     The kernel gives out the lowest free number, so the limit is the lowest one that was free at any time of a few
-    ticks: one that is used for a moment, as for a client that has just asked, would be free again afterwards.
+    ticks: one that is used for a moment, as for a client that has just asked, would be free again afterwards. It is
+    above the number that the service keeps in reserve for a person, whatever is free below: under a limit that is
+    lowered beneath it, the reserve would be worth nothing, and limits of real services are not lowered.
     """
-    before = resource.prlimit(pid, resource.RLIMIT_NOFILE)
-    end_s, lasting = time.monotonic() + LOOKED_S, open_now(pid)
+    before = resource.prlimit(service, resource.RLIMIT_NOFILE)
+    end_s, lasting = time.monotonic() + LOOKED_S, open_now(service)
     while time.monotonic() < end_s:
-        lasting &= open_now(pid)
+        lasting &= open_now(service)
         time.sleep(0.005)
-    resource.prlimit(pid, resource.RLIMIT_NOFILE, (min(set(range(len(lasting) + 1)) - lasting), before[1]))
+    reserved = max(number for number, name in named(service).items() if name == str(lock))
+    limit = next(number for number in count(reserved + 1) if number not in lasting)
+    resource.prlimit(service, resource.RLIMIT_NOFILE, (limit, before[1]))
     return before
 
 
 def open_now(pid: int) -> set[int]:
     return {int(entry.name) for entry in Path(f"/proc/{pid}/fd").iterdir()}
+
+
+def named(pid: int) -> dict[int, str]:
+    """What each number stands for; those that are closed meanwhile are left out."""
+    names = {}
+    for number in sorted(open_now(pid)):
+        with contextlib.suppress(FileNotFoundError):
+            names[number] = str(Path(f"/proc/{pid}/fd/{number}").readlink())
+    return names
 
 
 def said(cart: Cart) -> str:
@@ -63,7 +78,7 @@ def test_no_descriptor_left_is_an_internal_fault_and_ends_with_the_want(monitori
     """The estimator dies, and no other can be started; a person still sees why."""
     assert monitoring.daemon is not None
     service = monitoring.daemon.process
-    before = without_descriptors(service.pid)
+    before = without_descriptors(service.pid, monitoring.socket.with_name("control.lock"))
     began_s = time.monotonic()
     os.kill(monitoring.estimator_pid(), signal.SIGKILL)
     monitoring.open_contact(began_s, ALARM_S)
@@ -89,9 +104,9 @@ def test_a_tracker_that_cannot_be_opened_for_want_of_descriptors_is_named_and_co
         monitoring.kill_twin(name)
     monitoring.open_contact(began_s, ALARM_S)
     until(lambda: len(monitoring.status().get("lost", ())) == 2)
-    before = without_descriptors(service.pid)
+    before = without_descriptors(service.pid, monitoring.socket.with_name("control.lock"))
     monitoring.start_twin("polaris")
-    told = partial(until, every_s=0.3, otherwise=monitoring.status)
+    told = partial(until, every_s=0.3, otherwise=lambda: (monitoring.status(), named(service.pid)))
     told(lambda: "Too many open files" in str(monitoring.status().get("lost")))
     resource.prlimit(service.pid, resource.RLIMIT_NOFILE, before)
     monitoring.start_twin("scanner")

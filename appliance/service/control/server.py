@@ -18,6 +18,7 @@ import contextlib
 import errno
 import json
 import os
+import select
 import socket
 import struct
 import time
@@ -227,11 +228,17 @@ class ControlServer(Closable):
         try:
             return self._listener.accept()[0]
         except OSError as error:
-            if error.errno not in (errno.EMFILE, errno.ENFILE) or self._spare is None:
+            # Without a descriptor, accept() fails even where nobody waits: then the reserved one stays.
+            if error.errno not in (errno.EMFILE, errno.ENFILE) or self._spare is None or not self._awaited():
                 return None
             os.close(self._spare)
             self._spare = None
             return self._next_link()
+
+    def _awaited(self) -> bool:
+        queue = select.poll()
+        queue.register(self._listener, select.POLLIN)
+        return bool(queue.poll(0))
 
     def _serve(self, client: _Client, answer: Answer) -> None:
         try:

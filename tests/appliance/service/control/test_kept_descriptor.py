@@ -7,6 +7,8 @@ import socket
 import threading
 from pathlib import Path
 
+import pytest
+
 from probewatch.appliance.service.control.server import ControlServer
 from tests.appliance.service.control.test_control import answered_at
 
@@ -65,3 +67,20 @@ def test_the_descriptor_kept_for_a_person_is_free_for_nobody_else_when_the_perso
             for descriptor in taken:
                 os.close(descriptor)
         assert taken == []
+
+
+def test_the_descriptor_kept_for_a_person_stays_reserved_while_nobody_asks(tmp_path: Path) -> None:
+    """Without a descriptor, accept() fails whether somebody waits or not."""
+    before = resource.getrlimit(resource.RLIMIT_NOFILE)
+    with ControlServer(tmp_path / "control") as server, contextlib.ExitStack() as rest:
+        used = max(int(entry.name) for entry in Path("/proc/self/fd").iterdir())
+        resource.setrlimit(resource.RLIMIT_NOFILE, (used + 1, before[1]))
+        try:
+            with contextlib.suppress(OSError):
+                while True:
+                    rest.callback(os.close, os.dup(0))
+            server.poll(lambda do, request, who: {})
+            with pytest.raises(OSError, match="Too many open files"):
+                rest.callback(os.close, os.dup(0))
+        finally:
+            resource.setrlimit(resource.RLIMIT_NOFILE, before)
