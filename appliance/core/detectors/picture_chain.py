@@ -319,7 +319,7 @@ class PictureChain(Detector):
         if stretch is None:
             return None
         pressed = float(np.abs(pressed_between(self._reference, last, view)).sum())
-        return stretch.change_beyond(self._least + pressed, min(self._likenesses, default=0.0))
+        return stretch.change_beyond(self._least, pressed, min(self._likenesses, default=0.0))
 
     def _take_link(
         self, placed: Array32, view: View, last: View, link: Link | None, own: _Course | None, direct: bool

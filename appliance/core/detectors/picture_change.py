@@ -95,14 +95,16 @@ class Stretched:
         """
         return self.alike > max(self.plain + _EXPLAINED * (1 - self.plain), _LEAST_LIKENESS)
 
-    def change_beyond(self, least: float, calm: float) -> PictureChange | None:
-        """Returns the change for this stretch. It is unnamed where the stretch is not certain, or an organ may be its
-        cause; None where the stretch is not likely, or is not certain and below `least`, a change of the logarithm of
-        an axis. calm: least likeness of the earlier pictures to one another.
+    def change_beyond(self, least: float, pressed: float, calm: float) -> PictureChange | None:
+        """Returns the change for this stretch. It is unnamed where the stretch is not certain, or an organ or the press
+        of the face may be its cause; None where the stretch is not likely, or is not certain and small.
+
+        least: change of the logarithm of an axis that counts. pressed: what the press adds to it. calm: least likeness
+        of the earlier pictures to one another.
         """
+        beyond = float(np.max(np.abs(np.log(self.zoom)))) > least + pressed
         if self.certain:
-            return PictureChange(zoom=self.zoom) if self._is_the_scanners(calm) else PictureChange()
-        beyond = float(np.max(np.abs(np.log(self.zoom)))) > least
+            return PictureChange(zoom=self.zoom) if beyond and self._is_the_scanners(calm) else PictureChange()
         return PictureChange() if self.likely and beyond else None
 
     def _is_the_scanners(self, calm: float) -> bool:

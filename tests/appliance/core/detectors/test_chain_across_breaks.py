@@ -25,6 +25,7 @@ from tests.appliance.core.detectors.test_picture_chain import (
     shown,
     speckle,
     step,
+    stretched,
     told,
     turned,
     watching,
@@ -197,3 +198,19 @@ def test_a_break_is_seen_across_a_stamp_that_was_wrong(calm: PictureChain) -> No
     calm.forget_pictures((CALM - 1) * FRAME_NS)
     shown(calm, [speckle()[:, ::-1].copy()] * 2, [False, True], CALM)
     assert told(calm) == {VerdictKind.OK, VerdictKind.FAULT}
+
+
+@pytest.mark.parametrize(("pressed_mm", "named"), [(0.0, True), (2.4, False)])
+def test_a_stretch_that_the_press_of_the_face_explains_has_no_name(pressed_mm: float, named: bool) -> None:
+    """It is a change all the same. The face went down by a tenth of the picture's height while it was black: tissue is
+    strained by up to as much.
+    """
+    calm, face = event(), moved_by((0.0, 0.0))
+    for k in range(CALM):
+        step(calm, k * FRAME_NS, speckle(), k > 0, STILL if k else None, face)
+    for k in range(6):
+        step(calm, (CALM + k) * FRAME_NS, BLACK, pose=face)
+    strained, face = stretched(speckle(), 1.0, 0.92, (0.5, 1.0)), moved_by((0.0, pressed_mm))
+    assert step(calm, (CALM + 6) * FRAME_NS, strained, pose=face) is not None
+    step(calm, (CALM + 7) * FRAME_NS, strained, True, STILL, face)
+    assert (VerdictKind.FAULT in told(calm)) is named
