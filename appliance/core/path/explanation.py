@@ -38,8 +38,8 @@ _FLOORS = np.square([0.1, 0.1, np.deg2rad(0.03)])
 readings.
 """
 _LEAST_S = 0.6
-"""Least duration, s, of the motion with poses at a lag for that lag to be weighed: as long as two steps that share
-nothing. What less motion shows is too little for `MARGIN` anyway.
+"""Least time, s, from the begin of the first step with poses at a lag to that of the last, for that lag to be weighed:
+nearly four steps that share nothing. Less weighs lags by a twitch of the hand, more weighs far lags later. Not varied.
 """
 _MOST_STEPS = 150
 """Largest number of steps. In a longer window every other step is left out, and so on: steps overlap, and cost time."""
@@ -59,7 +59,9 @@ lag later. On paths of the study's hand without pictures every lag that was foun
 9 ms of the truth from 1.4 s after it had begun, and none of healthy motion was wrong by more than 7 ms.
 """
 _APART_S = 0.15
-"""Distance, s, within which lags belong to the peak of the best: a quarter of the period of a tremor of 2 Hz."""
+"""Distance, s, within which lags belong to the peak of the best: beyond a quarter of the period of a motion, .125 s at
+2 Hz, lags agree no more. More lets a second peak pass for the first, less lets a broad peak, as of slow motion, rival
+itself. Not varied."""
 
 
 @dataclass(frozen=True, slots=True)
