@@ -12,7 +12,8 @@ from probewatch.appliance.supervision.device_health import DeviceHealth, Timeout
 from probewatch.appliance.supervision.device_watchers import watch_devices
 from probewatch.appliance.supervision.recorded_gaps import RecordedGaps
 from probewatch.appliance.supervision.supervisor import TICK_NS, Durations, Inputs, Supervisor
-from probewatch.appliance.types import AlarmState, Check, Fault, Verdict, VerdictKind
+from probewatch.appliance.supervision.turns import Turns
+from probewatch.appliance.types import Check, Fault, Verdict, VerdictKind
 from probewatch.drivers.samples import Frame, Sample
 
 _LONGEST_GAP, _SHORT_GAP = 900_000_000_000 // TICK_NS, 10_000_000_000 // TICK_NS
@@ -69,7 +70,7 @@ class Timeline:
         self._supervisor = Supervisor(judging.durations)
         self._timeouts, self._limits = judging.timeouts, judging.limits
         self._gaps = RecordedGaps(origin_ns, judging.timeouts, injected)
-        self._last: AlarmState | None = None
+        self._turns = Turns()
         self._unusable = Counter[str]()
         self._furthest_mm: float | None = None
         self.devices: tuple[Check, ...] = ()
@@ -154,10 +155,9 @@ class Timeline:
         self.devices = watch_devices(now_ns, health, self._timeouts, self._limits)
         state = self._supervisor.step(now_ns, Inputs(tuple(self._verdicts), self.devices))
         self._verdicts.clear()
-        if self._last is None or (state.state, state.fault) != (self._last.state, self._last.fault):
+        if self._turns.begins(state.state, state.fault, state.reason):
             t_s = (now_ns - self._origin_ns) / 1e9
             self.changes.append(Change(t_s, state.state, state.fault, state.reason))
-        self._last = state
 
 
 def _noted(health: DeviceHealth, sample: Sample) -> DeviceHealth:

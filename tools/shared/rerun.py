@@ -18,6 +18,7 @@ from probewatch.appliance.core.quality.report import LineReport
 from probewatch.appliance.limits import Limits
 from probewatch.appliance.storage.black_box import Series
 from probewatch.appliance.storage.black_box_fields import Gap, Item, Made, State
+from probewatch.appliance.supervision.turns import Turns
 from probewatch.appliance.types import Calibration, Verdict, VerdictKind
 from probewatch.drivers.samples import Frame, Matrix4, Pose, Sample
 
@@ -132,7 +133,7 @@ class Rerun:
         self._series, self._make_line = series, make_line
         self._said: deque[Verdict] = deque()
         self._again: deque[Verdict] = deque()
-        self._whole = False
+        self._whole, self._turns = False, Turns()
         self.line: Repeating | None = None
         self.settings: list[EstimatorSettings] = []
         self.comparison = Comparison(text=series.begun.text, every=series.begun.every)
@@ -179,7 +180,7 @@ class Rerun:
     def _note_live_state(self, item: State, now_ns: int) -> None:
         said = [str(item.status.get(name) or "") for name in ("state", "fault", "reason")]
         told = LiveState(now_ns, *said)
-        if not self.comparison.told or self.comparison.told[-1][1:3] != told[1:3]:
+        if self._turns.begins(told.state, told.fault, told.reason):
             self.comparison.told.append(told)
 
     def _count(self) -> None:

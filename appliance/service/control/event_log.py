@@ -36,7 +36,7 @@ class EventLog:
         self._log.info("started", **origin)
 
     def state(self, before: AlarmState | None, alarm: AlarmState) -> None:
-        """Records a change of state or fault; the journal gets changes of state only."""
+        """Records an entry of the timeline; the journal gets changes of state only."""
         said = {"state": alarm.state.value, "fault": alarm.fault, "reason": alarm.reason, **self._simulated}
         if before is None or before.state is not alarm.state:
             self._log.info("state", **said)

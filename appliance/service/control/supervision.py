@@ -11,6 +11,7 @@ from probewatch.appliance.service.host.recorder import Recorder
 from probewatch.appliance.storage.alarm_chain import Latch
 from probewatch.appliance.supervision.alarms import HAZARDS
 from probewatch.appliance.supervision.supervisor import LATCHED, Durations, Inputs, Request, Supervisor
+from probewatch.appliance.supervision.turns import Turns
 from probewatch.appliance.types import AlarmState, Check, Fault, State, Verdict
 
 Follow = Callable[[State, State], None]
@@ -37,7 +38,7 @@ class Supervision:
         self.follow: Follow | None = None
         self.alarms = Counter[Fault]()
         self._supervisor, self._events, self._overload, self._recorder = supervisor, events, overload, recorder
-        self._log = get_log()
+        self._turns, self._log = Turns(), get_log()
 
     @property
     def recalibrating(self) -> bool:
@@ -73,8 +74,8 @@ class Supervision:
     def _step(self, inputs: Inputs) -> AlarmState:
         before = self.alarm
         self.alarm = self._events.alarm = alarm = self._supervisor.step(self.now_ns, inputs)
-        changed = before is None or (before.state, before.fault) != (alarm.state, alarm.fault)
-        if changed and self._overload.worth_an_entry(before, alarm):
+        begins = self._turns.begins(alarm.state, alarm.fault, alarm.reason)
+        if begins and self._overload.worth_an_entry(before, alarm):
             self._events.state(before, alarm)
         self._count(before, alarm)
         if before is not None and self.follow is not None:

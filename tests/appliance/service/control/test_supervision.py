@@ -1,5 +1,8 @@
 """How often each hazard was alarmed, as the supervisor's states follow one another."""
 
+from dataclasses import replace
+from unittest.mock import Mock
+
 import pytest
 
 from probewatch.appliance.service.control.supervision import Supervision
@@ -27,3 +30,14 @@ def test_a_hazard_counts_once_for_as_long_as_it_lasts(seen: list[AlarmState], co
     for before, after in zip([None, *seen], seen, strict=False):
         supervision._count(before, after)
     assert supervision.alarms == counted
+
+
+def test_the_log_says_once_that_the_limit_of_a_point_alone_withholds_the_ok() -> None:
+    limited = "error of a point 3.1 mm, limit 2.5 mm"
+    reasons = ["not shown yet: scale-axial", limited, "not shown yet: scale-axial", limited]
+    alarms = [replace(alarm(None, state=State.NOT_VERIFIED), reason=reason) for reason in reasons]
+    entries = Mock()
+    supervision = Supervision(Mock(step=Mock(side_effect=alarms)), entries, Mock(), Mock(), 0)
+    for tick in range(len(alarms)):
+        supervision.step(tick, (), ())
+    assert [call.args[1].reason for call in entries.state.call_args_list] == reasons[:2]
