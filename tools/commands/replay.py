@@ -40,7 +40,13 @@ from probewatch.tools.shared.recording_run import BlackBoxSession, Seen, nobody,
 from probewatch.tools.shared.replay_outcome import Outcome, print_outcome
 from probewatch.tools.shared.subject import Subject
 from probewatch.tools.shared.terminal import progress_bar
-from probewatch.tools.study.archive import ArchiveTask, archive_table
+from probewatch.tools.study.archive import (
+    NOTHING_TO_JUDGE,
+    RECORD_BOTH,
+    ArchiveTask,
+    archive_table,
+    refuse_all_unusable,
+)
 from probewatch.tools.study.workers import results
 
 _Item = TypeVar("_Item")
@@ -122,8 +128,8 @@ def command(
     --estimate writes what the motion shows of the calibration as a new file, for the first calibration of a cart
     (docs/first-calibration.md); what it does not show is taken from --calibration and named in not_observed.
 
-    Exit code 0 says that a report was made; the verdict is in the report. 65: the recording cannot be used, or shows
-    too little for --estimate; 78: the calibration or an option cannot.
+    Exit code 0 says that a report was made; the verdict is in the report. 65: no recording can be used, nothing in it
+    can be judged, or it shows too little for --estimate; 78: the calibration or an option cannot.
     """
     write_report = click.get_current_context().with_resource(text_aside(as_json))
     _refuse_report(recordings)
@@ -148,7 +154,9 @@ def command(
         subject = Subject.of((), calibration, config_path, schedule)
         for name, said in subject.rows():  # beside the table, which a pipe cuts into columns
             click.echo(f"{name + ':':<18}{said}", err=True)
-        write_report({"version": VERSION, "recordings": _print_several(tasks, jobs), "of": subject.fields()})
+        rows = _print_several(tasks, jobs)
+        write_report({"version": VERSION, "recordings": rows, "of": subject.fields()})
+        refuse_all_unusable(rows)
         return
     (one,) = several
     trace = Trace()
@@ -169,6 +177,8 @@ def command(
         assert outcome.nominal is not None
         write_estimate(estimate_path, outcome.report.estimate, outcome.nominal, outcome.path)
         click.echo(f"written: {estimate_path}")
+    if why := outcome.unusable_because:
+        raise RecordingError(f"{NOTHING_TO_JUDGE}: {why}", str(outcome.path), RECORD_BOTH)
 
 
 @dataclass(frozen=True)

@@ -23,15 +23,14 @@ from probewatch.tools.shared.terminal import progress_bar
 from probewatch.tools.shared.without_effect import refuse_typed
 from probewatch.tools.study.archive import (
     ARCHIVE_KEYS,
-    CALIBRATION,
-    NAMES,
     NOT_FETCHED,
-    STATE,
     ArchiveTask,
     archive_table,
+    refuse_all_unusable,
 )
 from probewatch.tools.study.hand import ALL, PROGRAMS
 from probewatch.tools.study.hazard import STANDARD, WITHIN, Hazard
+from probewatch.tools.study.kept_rows import refuse_changed, refuse_other_calibration
 from probewatch.tools.study.page import check_page, write_page
 from probewatch.tools.study.plan import Task, planned, tasks
 from probewatch.tools.study.samples import ASKED, DEFAULT, KEYS, Conditions
@@ -303,8 +302,8 @@ def _task(recording: Path | str, calibration: Path | None, names: _Names, **more
 
 def _study_recordings(archive: list[ArchiveTask], output: Path, jobs: int, scheduler: str | None) -> None:
     table = StudyTable(output / "recordings.csv", ARCHIVE_KEYS)
-    _refuse_other_calibration(archive, table)
-    _refuse_changed(archive, table)
+    refuse_other_calibration(archive, table)
+    refuse_changed(archive, table)
     left = [task for task in archive if (str(task.recording),) not in table.done]
     if len(left) < len(archive):
         click.echo(f"{len(archive) - len(left)} of {len(archive)} recordings are in {table.path} already")
@@ -318,34 +317,7 @@ def _study_recordings(archive: list[ArchiveTask], output: Path, jobs: int, sched
     if away:
         what = f"{len(away)} of {len(archive)} recordings could not be fetched"
         raise DeviceLost(what, away[0]["recording"], "What is done stays, so start it again")
-
-
-def _refuse_other_calibration(archive: list[ArchiveTask], table: StudyTable) -> None:
-    """Raises ConfigurationError where a recording has a row judged by another calibration: the row would be kept."""
-    by = {row["recording"]: row[CALIBRATION] for row in table.rows}
-    for task in archive:
-        kept = by.get(str(task.recording), task.judged_by)
-        if kept != task.judged_by:
-            what = f"has {task.recording} as judged by {_named(kept)}; now it would be by {_named(task.judged_by)}"
-            raise ConfigurationError(what, str(table.path), "Give another folder with --output")
-
-
-def _refuse_changed(archive: list[ArchiveTask], table: StudyTable) -> None:
-    """Raises ConfigurationError where a recording has a row of other content or tool names: the row would be kept."""
-    by = {row["recording"]: row for row in table.rows}
-    for task in archive:
-        kept = by.get(str(task.recording))
-        if kept is not None and not task.is_of(kept):
-            what = f"has {task.recording} as it was ({kept[STATE]}); it has changed since ({task.state})"
-            remedy = "Take its line out to have it judged again, or give another folder with --output"
-            raise ConfigurationError(what, str(table.path), remedy)
-        if kept is not None and kept[NAMES] != task.names:
-            what = f"has {task.recording} with {kept[NAMES] or 'the usual names'}, now {task.names or 'the usual ones'}"
-            raise ConfigurationError(what, str(table.path), "Give another folder with --output")
-
-
-def _named(sha256: str) -> str:
-    return f"the calibration with SHA-256 {sha256[:12]}…" if sha256 else "that of the black box"
+    refuse_all_unusable(table.rows)
 
 
 def _say(text: str) -> None:

@@ -32,6 +32,12 @@ class Outcome:
     damage: str = ""
     notes: tuple[str, ...] = ()
 
+    @property
+    def unusable_because(self) -> str:
+        """Returns why nothing at all can be judged, also nothing that was said live; empty where something can."""
+        found = self.comparison
+        return self.report.unusable_because if found is None or found.is_empty else ""
+
     def fields(self) -> dict[str, object]:
         """Returns the report's public contract; `black_box` is there for a black box judged by its own calibration."""
         fields = report_json(self.report, self.timeline)

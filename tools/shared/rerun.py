@@ -80,6 +80,11 @@ class Comparison:
     told: list[LiveState] = field(default_factory=list)
 
     @property
+    def is_empty(self) -> bool:
+        """Returns whether the file holds nothing that a live run said."""
+        return not (self.recorded or self.without_past or self.told)
+
+    @property
     def exact(self) -> bool:
         """Returns whether every verdict that could come again did."""
         return self.recorded == self.equal and not self.difference

@@ -1,7 +1,7 @@
 """Runs the line over real recordings, and makes a row of the study's table for each; their truth is not known."""
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -25,6 +25,9 @@ from probewatch.tools.study.store import NotFetchedError, fetched, state_of
 
 NOT_FETCHED = "not fetched"
 """Beginning of the error of a recording that could not be fetched."""
+NOTHING_TO_JUDGE = "nothing in it can be judged"
+"""Beginning of the error of a recording that could be read, but shows too little."""
+RECORD_BOTH = "Record pictures and poses together, while the probe moves"
 ARCHIVE_KEYS = ("recording",)
 """Columns that name a row."""
 CALIBRATION = "calibration_sha256"
@@ -119,6 +122,7 @@ class ArchiveTask:
 
     def _said(self) -> dict[str, str]:
         report, changes, session, comparison = self._run()
+        why = report.unusable_because if comparison is None or comparison.is_empty else ""
         start_ns, end_ns = session.overlap_ns
         duration_s = max(end_ns - start_ns, 0) / 1e9
         row = {
@@ -130,6 +134,7 @@ class ArchiveTask:
             "fault": report.verdict.fault or "",
             "reason": report.verdict.reason,
             "missing": " ".join(report.missing),
+            "error": why and f"{NOTHING_TO_JUDGE}: {why}",
             "live": "" if comparison is None else f"{comparison.equal} of {comparison.recorded}",
         }
         for check in report.checks:
@@ -181,6 +186,13 @@ def archive_table(rows: list[dict[str, str]]) -> FittingTable:
         for row in rows
     ]  # fmt: skip
     return FittingTable(heads, cells)
+
+
+def refuse_all_unusable(rows: Sequence[Mapping[str, str]]) -> None:
+    """Raises RecordingError where none of the recordings could be used, with the reason of the first."""
+    if rows and all(row["error"] for row in rows):
+        what = rows[0]["error"] if len(rows) == 1 else f"none of {len(rows)} can be used; the first: {rows[0]['error']}"
+        raise RecordingError(what, rows[0]["recording"], RECORD_BOTH if NOTHING_TO_JUDGE in what else "")
 
 
 def _few(row: dict[str, str]) -> str:

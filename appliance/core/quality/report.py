@@ -26,6 +26,10 @@ VERSION = 1
 
 _ROTATION, _SCALE, _OFFSET = slice(0, 3), slice(3, 5), slice(5, 8)
 """Slices of PARAMETERS."""
+_FEWEST = 10
+"""Number of pictures with a pose, a third of a second of a scanner. No calibration was verified on fewer. More calls
+recordings of slow devices unusable, fewer reports as not verified what could not have been.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,6 +59,13 @@ class LineReport:
     unusable: dict[str, int] = field(default_factory=dict)
     follow: Follow | None = None
     limits: Limits = field(default_factory=Limits)
+
+    @property
+    def unusable_because(self) -> str:
+        """Returns why nothing at all can be judged; empty where something can. A FAULT and an OK were judged."""
+        if self.verdict.kind is not VerdictKind.NOT_VERIFIED or self.paired >= _FEWEST:
+            return ""
+        return self.verdict.reason if not self.paired else f"only {self.paired} pictures have a pose"
 
     @property
     def missing(self) -> tuple[str, ...]:

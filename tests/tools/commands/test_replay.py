@@ -186,7 +186,7 @@ def test_what_is_no_pose_is_no_fault_of_the_tracker_and_its_reason_is_told(
     code, out, err = run(session, "--calibration", calibration, "--json")
     data = json.loads(out)
     assert (code, data["verdict"], data["fault"], list(data["unusable_poses"].values())) == (
-        0,
+        65,
         "NOT_VERIFIED",
         None,
         [40],
@@ -308,7 +308,7 @@ def test_a_black_box_without_pictures_is_not_verified(tmp_path):
     record(path, EstimatorSettings(1, watched, Limits(), 500_000_000), [reply(k, PoseStatus.OK) for k in range(20)])
     code, out, _ = run(path, "--json")
     data = json.loads(out)
-    assert (code, data["frames"], data["poses"], data["verdict"]) == (0, 0, 20, "NOT_VERIFIED")
+    assert (code, data["frames"], data["poses"], data["verdict"]) == (65, 0, 20, "NOT_VERIFIED")
     said = run(path)[1].splitlines()[-1]
     assert "verdict: NOT_VERIFIED  there are no pictures, without which motion shows nothing" in said, (
         "it asked for more motion"

@@ -18,7 +18,7 @@ from probewatch.appliance.core.estimator_settings import EstimatorSettings
 from probewatch.appliance.limits import Limits
 from probewatch.appliance.storage.calibration_file import write_calibration
 from probewatch.appliance.types import Calibration
-from probewatch.drivers.errors import ConfigurationError, DeviceLost
+from probewatch.drivers.errors import ConfigurationError, DeviceLost, RecordingError
 from probewatch.drivers.recordings.metaimage_writing import write_metaimage
 from probewatch.drivers.samples import Pose, PoseStatus, Stamp
 from probewatch.tools.cli import probewatch
@@ -189,7 +189,7 @@ def test_names_of_tools_are_taken_as_replay_takes_them(recording: Path, calibrat
     write_metaimage(recording, stylus, SIZE_PX)
     given = recording, "--calibration", calibration, "--jobs", 1, "--output"
     named = "--probe", "Stylus", "--orientation", "MF"
-    assert study(*given, tmp_path / "usual").exit_code == 0
+    assert "--probe Stylus" in str(study(*given, tmp_path / "usual").exception)
     assert "--probe Stylus" in rows_of(tmp_path / "usual")[0]["error"]
     assert study(*given, tmp_path / "out", *named).exit_code == 0
     (row,) = rows_of(tmp_path / "out")
@@ -268,11 +268,29 @@ def test_one_file_in_which_nothing_can_be_judged_ends_no_row_of_the_others(recor
     tasks += [ArchiveTask(folder / name, None, parts=(folder / name,)) for name in ("poses.mcap", "empty.mcap")]
     good, poses, empty = (row for task in tasks for row in task.rows())
     assert (good["error"], good["frames"]) == ("", "40")
-    assert (poses["error"], poses["verdict"], poses["closed"]) == ("", "NOT_VERIFIED", "0")
+    assert (poses["error"].partition(":")[0], poses["verdict"], poses["closed"]) == (
+        "nothing in it can be judged",
+        "NOT_VERIFIED",
+        "0",
+    )
     assert empty["error"] != ""
     result = CliRunner().invoke(probewatch, ["replay", str(folder), "--calibration", str(calibration)])
     assert result.exit_code == 0, result.output
     assert all(name in result.output for name in ("good.igs.mha", "poses.mcap", "empty.mcap", "cut.mcap"))
+
+
+@pytest.mark.parametrize("several", [False, True])
+def test_an_archive_in_which_nothing_can_be_judged_ends_as_unusable_data(
+    tmp_path: Path, calibration: Path, several: bool
+) -> None:
+    for name in ("a.mha", "b.mha")[: 1 + several]:
+        write_metaimage(tmp_path / name, items(3, SIZE_PX), SIZE_PX)
+    result = study(tmp_path, "--calibration", calibration, "--jobs", 1, "--output", tmp_path / "out")
+    assert isinstance(result.exception, RecordingError)
+    assert ("none of 2 can be used" in str(result.exception)) == several
+    assert "nothing in it can be judged: only 3 pictures have a pose. Record pictures" in str(result.exception)
+    again = CliRunner().invoke(probewatch, ["replay", str(tmp_path), "--calibration", str(calibration)])
+    assert isinstance(again.exception, RecordingError)
 
 
 def test_poses_alone_and_a_link_to_nothing_are_told_as_what_they_are(recording: Path, calibration: Path) -> None:
