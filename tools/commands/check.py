@@ -18,7 +18,7 @@ from probewatch.appliance.configuration.config import (
 )
 from probewatch.appliance.configuration.mistakes import Mistakes
 from probewatch.appliance.service.host.unix_socket import NO_GROUP, make_group
-from probewatch.appliance.storage.calibration_file import calibration_bytes
+from probewatch.appliance.storage.calibration_file import calibration_bytes, is_device_set
 from probewatch.appliance.storage.device_set import remarks
 from probewatch.appliance.storage.reference import candidate_from_content, refuse_simulated, size_for
 from probewatch.appliance.storage.reference_dates import stated_dates
@@ -26,7 +26,7 @@ from probewatch.drivers.errors import ConfigurationError
 from probewatch.drivers.registry import check_options
 from probewatch.tools.german.translation import mistake_text, recognised, tell_refused, told
 from probewatch.tools.shared.limits_in_force import remarks as remarks_on_limits
-from probewatch.tools.shared.limits_in_force import remarks_on_ages
+from probewatch.tools.shared.limits_in_force import remarks_on_ages, remarks_on_depth
 from probewatch.tools.shared.limits_in_force import rows as limit_rows
 from probewatch.tools.shared.named_cart import cart_language, file_argument
 from probewatch.tools.shared.unit_sight import unseen_mistakes
@@ -75,7 +75,18 @@ def command(file: Path) -> None:
 
 def _on_limits(config: Config) -> Iterator[str]:
     language = config.alarm.language
-    return chain(remarks_on_limits(config.limits, language), remarks_on_ages(config, language))
+    return chain(remarks_on_limits(config.limits, language), remarks_on_ages(config, language), _on_depth(config))
+
+
+def _on_depth(config: Config) -> Iterator[str]:
+    """Yields the warning about a depth below the picture, where the size of the pictures is known before they come."""
+    place = config.calibration
+    if place.file is None:
+        return
+    content = calibration_bytes(place.file)
+    if (size_px := size_for(content, place, None)) is not None or not is_device_set(content):
+        calibration = candidate_from_content(content, str(place.file), size_px, place.probe).calibration
+        yield from remarks_on_depth(config.limits, calibration, config.alarm.language)
 
 
 def _on_dates(config: Config) -> Iterator[str]:

@@ -32,6 +32,9 @@ GERMAN_OF_SETUP = {
         "{key} = {age}: was ruhiges Scannen zeigt, ist bis zu {quiet} s alt, der Kontakt öffnet also immer wieder. "
         "{quiet} oder mehr angeben"
     ),
+    "[limits] point_depth_mm = {depth} lies below the picture, which is {height} mm high. Give less": (
+        "[limits] point_depth_mm = {depth} liegt unter dem Bild, das {height} mm hoch ist. Weniger angeben"
+    ),
     "[limits] {name} is looser than profile {profile} has it: OK says less than that name": (
         "[limits] {name} ist weiter als in Profil {profile}: OK sagt weniger als dieser Name"
     ),

@@ -8,6 +8,7 @@ from probewatch.appliance.configuration.toml_lines import key_lines
 from probewatch.appliance.core.parameters import QUANTITIES, never_shown
 from probewatch.appliance.core.quality.check_fields import limits_fields
 from probewatch.appliance.limits import PROFILES, Limits
+from probewatch.appliance.types import Calibration
 from probewatch.tools.german.translation import told
 from probewatch.tools.shared.profile_text import profile_text
 
@@ -32,6 +33,7 @@ _YOUNG = (
     "{key} = {age}: what quiet scanning shows is up to {quiet} s old, so the contact opens again and again. Give "
     "{quiet} or more"
 )
+_BELOW = "[limits] point_depth_mm = {depth} lies below the picture, which is {height} mm high. Give less"
 
 
 def rows(limits: Limits, text: str, language: str = "en") -> Iterator[str]:
@@ -74,6 +76,14 @@ def remarks_on_ages(config: Config, language: str = "en") -> Iterator[str]:
     for key, age_s in {"[supervisor] max_verification_age_s": most_s, **ages_s}.items():
         if age_s is not None and age_s < _QUIET_AGE_S:
             yield told(_YOUNG, language, key=key, age=f"{age_s:g}", quiet=f"{_QUIET_AGE_S:g}")
+
+
+def remarks_on_depth(limits: Limits, calibration: Calibration, language: str = "en") -> Iterator[str]:
+    """Yields a warning where the depth for which the error of a point is reported lies below the picture."""
+    height_mm = calibration.image_size_px[1] * float(calibration.scale_mm_per_px[1])
+    if limits.point_depth_mm is not None and limits.point_depth_mm > height_mm:
+        depth, height = f"{limits.point_depth_mm:g}", f"{height_mm:.3g}"
+        yield told(_BELOW, language, depth=depth, height=height)
 
 
 def _why(limits: Limits, name: str, is_given: bool, language: str) -> str:

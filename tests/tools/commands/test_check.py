@@ -97,6 +97,14 @@ def test_it_remarks_on_what_never_closes_and_on_what_is_looser_than_its_name(
     assert all(f"[limits] {what}" in remark for what, remark in zip(told, remarks, strict=True))
 
 
+@pytest.mark.parametrize(("more_mm", "remarks"), [(-0.5, 0), (0.5, 1)])
+def test_it_remarks_on_a_depth_below_the_picture(folder: Path, more_mm: float, remarks: int) -> None:
+    height_mm = calibration().image_size_px[1] * calibration().scale_mm_per_px[1]
+    result = check(written(folder, f"{GOOD}[limits]\npoint_depth_mm = {height_mm + more_mm:.1f}\n"))
+    assert (result.exit_code, result.stderr.count("\n")) == (0, remarks)
+    assert ("lies below the picture, which is" in result.stderr) == bool(remarks)
+
+
 @pytest.mark.parametrize(
     ("section", "key"),
     [
