@@ -3,7 +3,7 @@
 Arguments: number of views and of scans without pictures; or `pictures`, number of rendered scans, file to keep them in.
 """
 
-import sys
+import argparse
 from pathlib import Path
 
 from tests.crosswire.rendered_scans import measured, told
@@ -40,7 +40,14 @@ def _told(one: Score) -> str:
     )
 
 
-if sys.argv[1] == "pictures":
-    print(told(measured(int(sys.argv[2]), Path(sys.argv[3]))))
-else:
-    main(*map(int, sys.argv[1:3]))
+if __name__ == "__main__":
+    usage = "python -m tests.crosswire VIEWS SCANS | pictures SCANS FILE"
+    parser = argparse.ArgumentParser(usage=usage, description=__doc__)
+    parser.add_argument("given", nargs="+", help=argparse.SUPPRESS)
+    given = parser.parse_args().given
+    if len(given) == 3 and given[0] == "pictures" and given[1].isdecimal():
+        print(told(measured(int(given[1]), Path(given[2]))))
+    elif len(given) == 2 and all(number.isdecimal() for number in given):
+        main(*map(int, given))
+    else:
+        parser.error("give two numbers, or `pictures`, a number and a file")

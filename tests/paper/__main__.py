@@ -1,6 +1,7 @@
 """`python -m tests.paper`: Table 1 and Figure 4 of Boctor et al. 2005 on the simulator, as CSV, PNG and
 docs/paper.md."""
 
+import argparse
 import csv
 import re
 from dataclasses import astuple, fields
@@ -138,4 +139,5 @@ def _into_page(file: Path, tables: dict[str, str]) -> None:
 
 
 if __name__ == "__main__":
+    argparse.ArgumentParser(prog="python -m tests.paper", description=__doc__).parse_args()
     main()
