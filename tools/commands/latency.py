@@ -14,6 +14,7 @@ from probewatch.appliance.storage.calibration_file import read_calibration
 from probewatch.drivers.errors import RecordingError
 from probewatch.drivers.recordings.replay import Recording, open_recording
 from probewatch.drivers.samples import Sample
+from probewatch.tools.shared.lateness import lateness
 from probewatch.tools.shared.left_out import tell_left_out
 from probewatch.tools.shared.recording_options import recording_options
 from probewatch.tools.shared.terminal import progress_bar
@@ -62,8 +63,9 @@ def command(
     tell_left_out(session)
     found = _of_tank(session, recording) if calibration is None else _of_tissue(session, calibration, probe, recording)
     sigma_ms = (1e6 * found.sigma_s**2 + _CLOCK_SIGMA_MS**2) ** 0.5
-    early = "; it is early, or the pictures are late" if found.value_s < 0 else ""
-    click.echo(f"the tracker is late by {1000 * found.value_s:.1f} ± {sigma_ms:.1f} ms{early}")
+    value_ms = 1000 * found.value_s
+    early = f", or the pictures are late: latency {value_ms:.1f} ms" if round(value_ms, 1) < 0 else ""
+    click.echo(f"{lateness(value_ms, sigma_ms)}{early}")
 
 
 def _of_tank(session: Recording, recording: Path) -> Latency:

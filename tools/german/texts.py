@@ -340,6 +340,7 @@ GERMAN_OF_TOOLS = {
     "bottom seen in {seen} of {pictures} pictures": "Boden gesehen in {seen} von {pictures} Bildern",
     "not known yet": "noch nicht bekannt",
     "tracker late by {late} ± {sigma} ms": "Tracker verspätet um {late} ± {sigma} ms",
+    "tracker early by {late} ± {sigma} ms": "Tracker verfrüht um {late} ± {sigma} ms",
     "no check at another point yet": "noch keine Prüfung an einem anderen Punkt",
     "{views} views put it within {error} mm RMS from where it is": (
         "{views} Ansichten legen ihn auf {error} mm RMS dorthin, wo er ist"

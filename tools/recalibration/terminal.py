@@ -22,6 +22,7 @@ from probewatch.tools.recalibration.paperwork import Begin, Signature
 from probewatch.tools.recalibration.phase import Phase
 from probewatch.tools.recalibration.session import ScanSession
 from probewatch.tools.shared.crosswire_review import comparison_table
+from probewatch.tools.shared.lateness import lateness
 from probewatch.tools.shared.verification import with_motions
 
 _EVERY_S = 0.25
@@ -182,9 +183,9 @@ def latency_text(latency: Fields | None, language: str = "en") -> str:
     if latency["latency_ms"] is None:
         again = [recognised("a minute did not show it, started again", language)] if latency["begun_anew"] else []
         return " · ".join([seen, told("not known yet", language), *again])
-    late, sigma = (f"{latency[name]:.1f}" for name in ("latency_ms", "sigma_ms"))
+    late = lateness(latency["latency_ms"], latency["sigma_ms"], language)
     enough = [recognised("enough is collected: take it", language)] if latency["full"] else []
-    return " · ".join([seen, told("tracker late by {late} ± {sigma} ms", language, late=late, sigma=sigma), *enough])
+    return " · ".join([seen, late, *enough])
 
 
 def check_text(check: Fields | None, language: str = "en") -> str:

@@ -20,6 +20,7 @@ from probewatch.appliance.types import Calibration
 from probewatch.tools.shared.crosswire_input import ScanInput
 from probewatch.tools.shared.crosswire_review import disagreements, parameter_table, view_table
 from probewatch.tools.shared.digest import file_sha256
+from probewatch.tools.shared.lateness import lateness
 from probewatch.tools.shared.sign_off import SignOff, whole_record
 
 _STATED_LATENCY_S = 0.005
@@ -157,7 +158,7 @@ def _say(
             zeta = f"{state.closed.zeta_mm:.2f} ± {state.closed.zeta_sigma_mm:.2f} mm"
             click.echo(f"ζ in closed form, all else of {given}: {zeta}")
         late = 1000 * whole.latency_s + (options.latency_ms or 0.0)
-        click.echo(f"tracker late by {late:.1f} ± {1000 * whole.latency_sigma_s:.1f} ms")
+        click.echo(lateness(late, 1000 * whole.latency_sigma_s))
         click.echo(f"one view scatters by {whole.localisation_mm:.2f} mm per axis")
         click.echo(f"a point of the picture is put right within {whole.expected_mm:.2f} mm, as far as the views tell")
     spread = ", ".join(f"{value:.1f}°" for value in state.coverage.spread_deg)

@@ -136,6 +136,7 @@ const GERMAN = {
   "ζ in closed form": "ζ in geschlossener Form",
   "error of a point, expected": "Fehler eines Punktes, erwartet",
   "tracker late by": "Tracker verspätet um",
+  "tracker early by": "Tracker verfrüht um",
   "3. Review: strike out what is no crossing, or tap where it is": "3. Durchsehen: streichen, was keine Kreuzung ist, oder antippen, wo sie ist",
   "4. Check at another point": "4. Prüfung an einem anderen Punkt",
   "Move the tank by 2 cm and more first: the new calibration must put its crossing in one place, within 1 mm.": "Zuerst das Becken um 2 cm oder mehr versetzen: die neue Kalibrierung muss seine Kreuzung auf 1 mm an einen Ort legen.",

@@ -17,6 +17,8 @@ let shownViews = "";
 
 function ask(what, body) { return post(what === "token" ? "/token" : `/recalibration/${what}`, body); }
 
+function lateness(one) { return one.latency_ms < 0 ? "tracker early by" : "tracker late by"; }
+
 function numbers(scan) {
   const result = scan && scan.result;
   if (!result) { set("zeta", "ζ …"); rows(el("result"), []); return; }
@@ -25,7 +27,7 @@ function numbers(scan) {
   if (result.zeta_before_mm !== null) lines.push([[say("ζ before")], [`${figure(result.zeta_before_mm, 2)} mm`, "number"]]);
   if (result.closed_mm !== null) lines.push([[say("ζ in closed form")], [`${figure(result.closed_mm, 2)}${result.closed_sigma_mm === null ? "" : ` ± ${figure(result.closed_sigma_mm, 2)}`} mm`, "number"]]);
   if (result.expected_mm !== null) lines.push([[say("error of a point, expected")], [`${figure(result.expected_mm, 2)} mm`, "number"]]);
-  lines.push([[say("tracker late by")], [`${figure(result.latency_ms, 0)} ± ${figure(result.latency_sigma_ms, 0)} ms`, "number"]]);
+  lines.push([[say(lateness(result))], [`${figure(Math.abs(result.latency_ms), 0)} ± ${figure(result.latency_sigma_ms, 0)} ms`, "number"]]);
   rows(el("result"), lines);
 }
 
@@ -53,7 +55,7 @@ function comparison(scan) {
 function late(latency) {
   const seen = latency ? `${latency.seen} / ${latency.pictures}` : "…";
   set("late", latency && latency.latency_ms !== null
-    ? `${figure(latency.latency_ms, 1)} ± ${figure(latency.sigma_ms, 1)} ms (${seen})${latency.full ? ` · ${say("enough is collected: take it")}` : ""}`
+    ? `${say(lateness(latency))} ${figure(Math.abs(latency.latency_ms), 1)} ± ${figure(latency.sigma_ms, 1)} ms (${seen})${latency.full ? ` · ${say("enough is collected: take it")}` : ""}`
     : `${say("not known yet")} (${seen})${latency && latency.begun_anew ? ` · ${say("a minute did not show it, started again")}` : ""}`);
   el("late-take").disabled ||= !latency || latency.latency_ms === null;
 }
