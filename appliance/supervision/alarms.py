@@ -102,6 +102,9 @@ EXPIRED_CALIBRATION = "Calibration has expired: 'probewatch recalibrate --live'"
 CHECK_BUMPED = "Check the tracker's position sensor; then 'probewatch ack --bump'"
 """Remedy for a bumped tracker. Until the bump is acknowledged, every pose is a fault and motion verifies nothing."""
 
+NO_LATENCY = "Check frame rate, stamps and whose calibration is in force"
+"""Remedy for a latency that the tracker's URL cannot state."""
+
 NOT_NOW = "not possible while"
 """Precedes the state in which a request is not granted."""
 ACKNOWLEDGED = "acknowledged, waiting until the calibration is verified again"

@@ -29,6 +29,9 @@ GERMAN = {text: german for row in FAULT_ROWS.values() for text, german in row.tr
     "Check the tracker's position sensor; then 'probewatch ack --bump'": (
         "Positionssensor des Trackers prüfen; dann 'probewatch ack --bump'"
     ),
+    "Check frame rate, stamps and whose calibration is in force": (
+        "Bildrate und Zeitstempel prüfen, und wessen Kalibrierung gilt"
+    ),
     "Calibration verified": "Kalibrierung bestätigt",
     "by earlier motion": "durch frühere Bewegung",
     "in part by earlier motion": "teils durch frühere Bewegung",
@@ -85,6 +88,9 @@ GERMAN = {text: german for row in FAULT_ROWS.values() for text, german in row.tr
     "to decide: {motions}": "zur Unterscheidung: {motions}",
     "{name} is now {value} ± {sigma} {unit}, was {old} {unit}": (
         "{name} ist jetzt {value} ± {sigma} {unit}, war {old} {unit}"
+    ),
+    "latency_ms takes 0 to 500 ms: check frame rate, stamps and whose calibration is in force": (
+        "latency_ms geht von 0 bis 500 ms: Bildrate und Zeitstempel prüfen, und wessen Kalibrierung gilt"
     ),
     "set latency_ms={value} in the tracker's URL and restart the service": (
         "latency_ms={value} in der URL des Trackers setzen und den Dienst neu starten"

@@ -20,6 +20,11 @@ RECOVERED = frozenset({*PARAMETERS[:3], "offset-lateral", "offset-axial"})
 """Parameters of X that motion recovers without a phantom."""
 
 
+LATENCIES_MS = (0.0, 500.0)
+"""Bounds, ms, of latency_ms in the tracker's URL. Beyond them nothing that a URL states makes up for the latency."""
+NO_SUCH_LATENCY = "latency_ms takes 0 to 500 ms: check frame rate, stamps and whose calibration is in force"
+
+
 class Step(Enum):
     """Names the action that follows from a proposal; the value is its name in JSON."""
 
@@ -72,7 +77,13 @@ class Proposal:
             Step.TAKE_X: "write it with 'probewatch calibration recover' and take it with 'probewatch calibration use'",
             Step.RECALIBRATE: "motion alone does not recover this: recalibrate with 'probewatch recalibrate --live'",
         }
-        return "; ".join([*(value.text for value in self.values), *(step_texts[step] for step in self.steps)])
+        clauses = [*(value.text for value in self.values), *(step_texts[step] for step in self.steps)]
+        return "; ".join([*clauses, NO_SUCH_LATENCY] if self.is_beyond_url else clauses)
+
+    @property
+    def is_beyond_url(self) -> bool:
+        """Returns whether a latency is wrong that the tracker's URL cannot state."""
+        return self.about == (Fault.LATENCY.value,) and not self.steps
 
 
 def propose(checks: Sequence[Check], reference: Calibration, latency_ms: float) -> Proposal | None:
@@ -89,7 +100,7 @@ def propose(checks: Sequence[Check], reference: Calibration, latency_ms: float) 
     late = wrong.get(Fault.LATENCY.value)
     if late is not None:
         now_ms = latency_ms + late.value
-        steps = (Step.SET_LATENCY,) if now_ms >= 0 else ()
+        steps = (Step.SET_LATENCY,) if LATENCIES_MS[0] <= round(now_ms) <= LATENCIES_MS[1] else ()
         return Proposal((NewValue(late.name, latency_ms, now_ms, late.sigma, late.unit),), steps, None)
     values = tuple(_new_value(check, reference) for check in wrong.values())
     if wrong.keys() <= RECOVERED:

@@ -42,6 +42,11 @@ class Proposals:
             names = sorted(rival.check.name for rival in verdict.rivals)
             self._note(Event.UNDECIDED, names, text=verdict.reason, names=names)
 
+    @property
+    def beyond_url(self) -> bool:
+        """Returns `Proposal.is_beyond_url` of the present one."""
+        return self.current is not None and self.current.is_beyond_url
+
     def fields(self, language: str) -> dict[str, Any] | None:
         """Returns the proposal for JSON, with its text in the language of the room."""
         proposal = self.current

@@ -69,9 +69,10 @@ class ServiceStatus:
         step = self._references.next_step
         remarks = self._devices.tracker.remarks
         bumped = any(BUMPED in remark for remark in remarks)
+        known = asked, shown_now, step, bumped, self._proposals.beyond_url
         return {
             "t_ns": now_ns,
-            **alarm_fields(now_ns, seen.alarm, config.alarm.language, config.simulated, asked, shown_now, step, bumped),
+            **alarm_fields(now_ns, seen.alarm, config.alarm.language, config.simulated, *known),
             **origin_fields(config, self._configuration.file, self._references),
             "recalibration": self._hold.fields(peer, now_ns, seen.recalibrating, seen.alarm.state is State.MONITORING),
             "language": config.alarm.language,

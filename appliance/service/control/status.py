@@ -19,6 +19,7 @@ from probewatch.appliance.supervision.alarms import (
     CHECK_BUMPED,
     EARLIER,
     HAZARDS,
+    NO_LATENCY,
     PARTLY_EARLIER,
     SIGNALS,
     operator_text,
@@ -96,10 +97,12 @@ def alarm_fields(
     shown_now: Mapping[str, Shown] = NONE,
     next_step: str = "",
     bumped: bool = False,
+    beyond_url: bool = False,
 ) -> dict[str, Any]:
     """Returns what is shown in the room, in its language. simulated: URLs of the sources that are not real devices.
     wanted: motion that is still required. shown_now: that of `shown_of_each`. next_step: of the reference, before which
-    no motion helps. bumped: the tracker waits for a person to check its position sensor.
+    no motion helps. bumped: the tracker waits for a person to check its position sensor. beyond_url: the latency that
+    motion shows is one that the tracker's URL cannot state.
     """
     text, remedy = operator_text(alarm.state, alarm.fault, language, Fault.OVERLOADED in alarm.notices)
     text += _carried_by(alarm, shown_now, language)
@@ -111,6 +114,8 @@ def alarm_fields(
     if shows and next_step:
         remedy = translated(next_step, language)
         reason = next_step if reason == signal.remedy else reason
+    if beyond_url and alarm.fault is Fault.LATENCY:
+        remedy = translated(NO_LATENCY, language)
     if bumped and (alarm.state in LATCHED or alarm.fault is Fault.TRACKER_ALERT):
         remedy = translated(CHECK_BUMPED, language)
     return {

@@ -21,6 +21,7 @@ from probewatch.appliance.supervision.alarms import (
     EARLIER,
     EXPIRED_CALIBRATION,
     NO_CALIBRATION,
+    NO_LATENCY,
     OUTDATED,
     PARTLY_EARLIER,
     SIGNALS,
@@ -50,6 +51,7 @@ UNDECIDED = VerificationStatus(
 )
 PROPOSALS = (
     propose([Check("latency", Fault.LATENCY, 90.0, 12.0, "ms", 60.0, VerdictKind.FAULT)], truth(HEALTHY), 80.0),
+    propose([Check("latency", Fault.LATENCY, -90.0, 12.0, "ms", 60.0, VerdictKind.FAULT)], truth(HEALTHY), 0.0),
     propose([Check("rotation-axial", Fault.ROTATION, 9.0, 0.5, "deg", 3.0, VerdictKind.FAULT)], truth(HEALTHY), 0.0),
     propose([Check("scale-axial", Fault.SCALE, 9.0, 0.5, "%", 5.0, VerdictKind.FAULT)], truth(HEALTHY), 0.0),
 )
@@ -76,7 +78,7 @@ def test_nothing_is_translated_that_nobody_says() -> None:
     tables = {text for row in SIGNALS.values() for text in (row.text, row.remedy)}
     tables |= {text for row in FAULT_ROWS.values() for text in row.translations()}
     words = {*WORDS.values(), *(state.value for state in State), OUTDATED, BEHIND, DISTURBED, EARLIER, PARTLY_EARLIER}
-    words |= {NO_CALIBRATION, EXPIRED_CALIBRATION, CHECK_BUMPED, *SPOKEN.values(), *LOGGED}
+    words |= {NO_CALIBRATION, EXPIRED_CALIBRATION, CHECK_BUMPED, NO_LATENCY, *SPOKEN.values(), *LOGGED}
     reasons = {text for text in GERMAN if "{" in text and text not in words}
     units = {"deg", "axes"}
     said = {"calibration verified", "verified only in parts", "Probe on tissue", BROKE}

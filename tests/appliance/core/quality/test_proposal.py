@@ -8,11 +8,12 @@ import pytest
 
 from probewatch.appliance.core.parameters import MEASURED, QUANTITIES, class_of
 from probewatch.appliance.core.quality.examination import examine
-from probewatch.appliance.core.quality.proposal import Step, propose
+from probewatch.appliance.core.quality.proposal import LATENCIES_MS, Step, propose
 from probewatch.appliance.limits import Limits
 from probewatch.appliance.supervision.languages import translated_text
 from probewatch.appliance.types import Check, Fault, VerdictKind
 from probewatch.drivers.rigid import rotation_from_vector
+from probewatch.drivers.trackers.staleness import LATENCY
 from tests.support.motions import TRUTH, planar_path, tilting_path
 from tests.support.windows import filled
 
@@ -35,10 +36,18 @@ def test_a_late_tracker_is_told_with_what_its_url_ought_to_state() -> None:
     )
 
 
-def test_a_tracker_that_is_too_early_cannot_be_mended_by_its_url() -> None:
-    found = propose([check("latency", -90.0, 6.0)], TRUTH, 0.0)
+@pytest.mark.parametrize(("ms", "stated_ms", "mends"), [(-90.0, 0.0, False), (410.0, 90.0, True), (412.0, 90.0, False)])
+def test_what_the_url_cannot_state_is_no_remedy(ms: float, stated_ms: float, mends: bool) -> None:
+    found = propose([check("latency", ms, 6.0)], TRUTH, stated_ms)
     assert found is not None
-    assert found.steps == ()
+    assert found.steps == ((Step.SET_LATENCY,) if mends else ())
+    assert found.is_beyond_url != mends
+    assert ("latency_ms takes 0 to 500 ms: check" in found.text) != mends
+    assert ("set latency_ms=" in found.text) == mends
+
+
+def test_the_url_takes_what_is_proposed() -> None:
+    assert LATENCY.bounds == LATENCIES_MS
 
 
 @pytest.mark.parametrize("name", [name for name in MEASURED if name != "latency"])
