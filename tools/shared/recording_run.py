@@ -8,11 +8,12 @@ from probewatch.appliance.core.line import Line
 from probewatch.appliance.core.quality.report import Change, LineReport
 from probewatch.appliance.storage.black_box import Series
 from probewatch.appliance.supervision.timeline import Judging, Timeline
-from probewatch.appliance.types import Fault, Verdict
+from probewatch.appliance.types import Fault, Verdict, VerdictKind
 from probewatch.drivers.errors import RecordingError
 from probewatch.drivers.samples import Frame, Pose, Sample
 from probewatch.drivers.twins.faults import Schedule
 from probewatch.tools.shared.inject import inject
+from probewatch.tools.shared.paths_followed import PathsFollowed, unit_asked
 from probewatch.tools.shared.rerun import Comparison, Rerun, Step
 
 
@@ -58,17 +59,26 @@ def run(
     """
     injected = [_LOST[episode.fault] for episode in schedule.episodes if episode.fault in _LOST]
     timeline = Timeline(session.start_ns, *session.overlap_ns, judging, injected)
+    followed = PathsFollowed()
     for sample in watched(inject(session.samples(), schedule, session.start_ns)):
         verdicts = line.step(sample)
         timeline.step(sample, verdicts)
+        followed.step(sample, line, session.start_ns)
         seen(sample, verdicts, line)
     timeline.finish()
     report = line.report()
     left_out = sum(session.left_out.values())
     report = replace(report, frames=report.frames + left_out, unpaired={**report.unpaired, **session.left_out})
-    report = timeline.completed(report)
+    report = _with_unit(timeline.completed(report), unit_asked(followed.paths))
     poses = report.poses + sum(session.poses_left_out.values())
     return replace(report, poses=poses, unusable={**report.unusable, **session.poses_left_out}), timeline.changes
+
+
+def _with_unit(report: LineReport, asked: str) -> LineReport:
+    """Adds the question about the unit of the poses; none where they verified the calibration."""
+    if not asked or report.verdict.kind is VerdictKind.OK:
+        return report
+    return replace(report, verdict=replace(report.verdict, reason=f"{report.verdict.reason}; {asked}"))
 
 
 def run_series(
