@@ -45,7 +45,7 @@ def take(key: str, value: str, path: Path, general: Fields, frames: dict[int, Fi
     match = FRAME_KEY.fullmatch(key)
     fields, name = (frames.setdefault(int(match[1]), {}), match[2]) if match else (general, key)
     if fields.setdefault(name, value) != value:
-        raise _contradiction(path, (key, fields[name]), (key, value))
+        raise contradiction(path, (key, fields[name]), (key, value))
 
 
 def known(fields: Mapping[str, str], path: Path, overruled: str = "", begins: str = "") -> Fields:
@@ -57,7 +57,7 @@ def known(fields: Mapping[str, str], path: Path, overruled: str = "", begins: st
         own = _FIRST.get(_plain(name), name)
         other = said.setdefault(own, (name, value))
         if own != overruled and _meaning(own, other[1]) != _meaning(own, value):
-            raise _contradiction(path, (begins + other[0], other[1]), (begins + name, value))
+            raise contradiction(path, (begins + other[0], other[1]), (begins + name, value))
     return {own: value for own, (_, value) in said.items() if own != overruled}
 
 
@@ -65,7 +65,8 @@ def _meaning(field: str, value: str) -> str:
     return value.upper()[:_ORIENTATION_LETTERS] if field == ORIENTATION else value.upper()
 
 
-def _contradiction(path: Path, one: tuple[str, str], other: tuple[str, str]) -> RecordingError:
+def contradiction(path: Path, one: tuple[str, str], other: tuple[str, str]) -> RecordingError:
+    """Returns the error about two (name, value) of a header of which one must be wrong."""
     (first, said), (name, value) = one, other
     what = f"says {first} {said[:_MOST_QUOTED]!r} and {name} {value[:_MOST_QUOTED]!r}, which contradict one another"
     return RecordingError(what, str(path), "Leave the wrong one out of its header")

@@ -23,6 +23,7 @@ from probewatch.drivers.recordings.keys import (
     IMAGE_TYPE,
     NAMES,
     ORIENTATION,
+    contradiction,
     index_times,
     known,
     take,
@@ -52,6 +53,8 @@ _PLANAR_AXES = 3  # of SimpleITK: columns, rows, pictures
 _MOST_AXES = 4  # of PLUS and 3D Slicer: a third spatial axis of one plane
 
 
+_WITH_SPACE = ("data file", "byte skip", "line skip")
+"""Fields that NRRD also spells without their space."""
 _OWN_WORDS = {
     "ElementType": "type",
     "MET_UCHAR": "uchar",
@@ -82,6 +85,7 @@ def _read(path: Path, orientation: str | None) -> MetaImage:
         if encoding not in ("raw", "gz", "gzip"):
             what = f"encoding {encoding!r} is neither raw nor gzip"
             raise RecordingError(what, str(path), "Store it as that, in 3D Slicer or with PLUS")
+        _refuse_two_spellings(path, general)
         named = general.get("data file", general.get("datafile", "LOCAL"))
         if general.get("line skip", general.get("lineskip", "0")) != "0":
             raise RecordingError("line skip is not 0", str(path), "Store the pictures without a header of their own")
@@ -212,6 +216,14 @@ def _read_header(stream: BinaryIO, path: Path) -> tuple[dict[str, str], dict[int
             what = "data file is LIST: a file for each picture"
             raise RecordingError(what, str(path), "Store all pictures in one file, as 3D Slicer and PLUS do")
     raise RecordingError("the header is longer than any of PLUS", str(path), "Record in shorter parts")
+
+
+def _refuse_two_spellings(path: Path, general: dict[str, str]) -> None:
+    """Raises RecordingError where a field of NRRD is there with and without its space, with different values."""
+    for name in _WITH_SPACE:
+        joined = name.replace(" ", "")
+        if name in general and general.get(joined, general[name]) != general[name]:
+            raise contradiction(path, (name, general[name]), (joined, general[joined]))
 
 
 def _names_data(general: dict[str, str]) -> bool:

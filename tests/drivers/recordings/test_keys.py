@@ -31,6 +31,9 @@ CONTRADICTIONS = [
     (".igs.nrrd", "ultrasound image orientation:=MFA", "ultrasound image orientation:=UNA", "image orientation 'UNA'"),
     (".igs.nrrd", "Frame0002_Status:=INVALID", "Frame0002_Status:=OK", "Seq_Frame0002_Status 'OK'"),
     (".igs.nrrd", "dimension: 4", "dimension: 4\ntype: ushort", "type 'uchar' and type 'ushort'"),
+    (".igs.nrrd", "dimension: 4", "dimension: 4\ndata file: a.raw\ndatafile: b.raw", "datafile 'b.raw'"),
+    (".igs.nrrd", "dimension: 4", "dimension: 4\nbyteskip: 3\nbyte skip: 4", "byteskip '3'"),
+    (".igs.nrrd", "dimension: 4", "dimension: 4\nline skip: 0\nlineskip: 4", "lineskip '4'"),
     (".igs.mha", "NDims = 3", "NDims = 3\nDimSize = 1 2 3", "DimSize '1 2 3'"),
     (".igs.mha", "Seq_Frame0001_Timestamp", "Seq_Frame0002_Timestamp = 7\nSeq_Frame0001_Timestamp", "_Timestamp '7'"),
 ]
