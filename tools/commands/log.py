@@ -11,6 +11,7 @@ from typing import Any
 
 import click
 
+from probewatch.appliance.core.parameters import MEASURED, QUANTITIES, class_of
 from probewatch.appliance.storage.alarm_chain import Entry, Event, Reading
 from probewatch.appliance.supervision.languages import translated_text
 from probewatch.appliance.types import Fault, State
@@ -162,7 +163,10 @@ def _in_parts(event: str, text: str, language: str) -> str:
         names = [translated_text(part[0], language) for part in parts]
         if not reference.startswith("reference ") or any(len(part) < 2 for part in parts):
             return ""
-        figures = ", ".join(f"{name} {part[1]}" for name, part in zip(names, parts, strict=True))
+        figures = ", ".join(
+            " ".join([name, *(recognised(word, language) for word in part[1].split(" "))])
+            for name, part in zip(names, parts, strict=True)
+        )
         return f"{told('reference', language)} {reference.removeprefix('reference ')}: {figures}"
     if event not in _LISTS:
         return ""
@@ -208,7 +212,8 @@ def _estimate(data: Mapping[str, Any]) -> str:
     checks = data.get("checks")
     if not isinstance(checks, Mapping) or not all(isinstance(row, list) and len(row) == 3 for row in checks.values()):
         return _all_of_it(data)
-    rows = (f"{name} {value} ± {sigma}" for name, (value, sigma, _) in checks.items())
+    units = {name: f" {QUANTITIES[class_of(name)].unit}" for name in MEASURED}
+    rows = (f"{name} {value} ± {sigma}{units.get(name, '')}" for name, (value, sigma, _) in checks.items())
     return f"reference {data.get('reference')}: {', '.join(rows)}"
 
 

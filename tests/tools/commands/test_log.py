@@ -114,7 +114,8 @@ def test_every_kind_of_entry_is_read_by_every_option(every: Path, tmp_path: Path
 
 
 def test_what_is_shown_of_an_estimate_can_be_read(every: Path) -> None:
-    assert "reference 2: rotation-axial 0.12 ± 0.3, latency 4.0 ± 2.0" in asked(every, "--event", "estimate").stdout
+    told = asked(every, "--event", "estimate").stdout
+    assert "reference 2: rotation-axial 0.12 ± 0.3 deg, latency 4.0 ± 2.0 ms" in told
     assert len(asked(every, "--since", "2026-01-01").stdout.splitlines()) == len(Event) + 1
     assert "of another version: " in asked(every, "--last", "1").stdout
 
@@ -312,7 +313,7 @@ def test_the_log_of_a_german_cart_is_told_in_german(folder: Path) -> None:
         (
             Event.ESTIMATE,
             {"reference": 4, "checks": {"scale-axial": [0.1, 0.02, 5.0], "latency": [3.1, 5.0, 60.0]}},
-            "Schätzung: Referenz 4: Maßstab axial 0.1 ± 0.02, Verzögerung 3.1 ± 5.0",
+            "Schätzung: Referenz 4: Maßstab axial 0.1 ± 0.02 %, Verzögerung 3.1 ± 5.0 ms",
         ),
         (Event.ESTIMATE, {"reference": 4, "checks": "of another version"}, "estimate: reference 4, checks of another"),
         (
