@@ -83,6 +83,17 @@ GERMAN_OF_ERRORS = {
     "Check the relay board's cable": "Das Kabel der Relaiskarte prüfen",
     # files and the service
     "cannot be read: {said}": "nicht lesbar: {said}",
+    "cannot be read ({said})": "nicht lesbar ({said})",
+    "it is a folder, not a file": "es ist ein Ordner, keine Datei",
+    "cannot be written: {said}": "nicht schreibbar: {said}",
+    "is not what probewatch noise writes": "ist nicht das, was probewatch noise schreibt",
+    "Learn it again: probewatch noise": "Neu lernen: probewatch noise",
+    "proposes nothing: no parameter is shown to be wrong": (
+        "schlägt nichts vor: kein Parameter ist als falsch gezeigt"
+    ),
+    "Move the probe over tissue until the fault is shown by motion": (
+        "Die Sonde über Gewebe bewegen, bis Bewegung den Fehler zeigt"
+    ),
     "Check the name and the permissions": _NAMES,
     "Check the path and its permissions": _NAMES,
     "Check its name and its folder": "Namen und Ordner prüfen",

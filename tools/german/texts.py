@@ -339,6 +339,8 @@ GERMAN_OF_TOOLS = {
     ),
     "bottom seen in {seen} of {pictures} pictures": "Boden gesehen in {seen} von {pictures} Bildern",
     "not known yet": "noch nicht bekannt",
+    "the service": "der Dienst",
+    "proposes no calibration": "schlägt keine Kalibrierung vor",
     "tracker late by {late} ± {sigma} ms": "Tracker verspätet um {late} ± {sigma} ms",
     "tracker early by {late} ± {sigma} ms": "Tracker verfrüht um {late} ± {sigma} ms",
     "no check at another point yet": "noch keine Prüfung an einem anderen Punkt",

@@ -122,7 +122,27 @@ GERMAN_OF_USAGE = {
         "{file} ist keine Aufzeichnung; --json gibt den Bericht aus: --json > {other}"
     ),
     "--output {name} does not end in {ending}": "--output {name} endet nicht auf {ending}",
+    # studies
+    "{value} is none of {names}": "{value} ist keines von {names}",
+    "{value} is not a list of .001 to 5 mm, such as {example}": (
+        "{value} ist keine Liste von .001 bis 5 mm, wie {example}"
+    ),
+    "{name} is of RECORDINGs; simulated sessions have their own": (
+        "{name} gehört zu RECORDINGs; simulierte Sitzungen haben ihre eigene"
+    ),
+    "{hazard} begins at {onset} s, and the session ends at {end} s: give a longer --duration, or @start": (
+        "{hazard} beginnt bei {onset} s, und die Sitzung endet bei {end} s: längere --duration angeben, oder @start"
+    ),
+    "RECORDINGs need --calibration: only black boxes bring their own": (
+        "RECORDINGs brauchen --calibration: nur Blackboxen bringen ihre eigene mit"
+    ),
     # programs beside the service
+    "is not a time span such as {example}": "ist keine Zeitspanne wie {example}",
+    "is not a job name": "ist kein Name eines Jobs",
+    "--unconfigured writes a file: give --write FILE": "--unconfigured schreibt eine Datei: --write DATEI angeben",
+    "{value} is not a host name: give it alone, without https://, port and path": (
+        "{value} ist kein Rechnername: ihn allein angeben, ohne https://, Port und Pfad"
+    ),
     "--once prints and ends, and writes no --textfile. Leave one of them out": (
         "--once gibt aus und endet, und schreibt keine --textfile. Eines von beiden weglassen"
     ),

@@ -8,7 +8,7 @@ import numpy as np
 from probewatch.appliance.storage.image_to_probe import calibration_from_image_to_probe
 from probewatch.appliance.types import Calibration
 from probewatch.drivers.errors import ConfigurationError
-from probewatch.tools.german.translation import recognised
+from probewatch.tools.german.translation import recognised, told
 
 
 def recovered(status: dict[str, Any]) -> Calibration:
@@ -16,11 +16,13 @@ def recovered(status: dict[str, Any]) -> Calibration:
     the reference or a source is. Raises ConfigurationError where the service proposes none.
     """
     proposal, reference = status.get("proposal"), status["reference"]
+    service = told("the service", str(status.get("language", "en")))
     if proposal is None or reference is None:
         what = "proposes nothing: no parameter is shown to be wrong"
-        raise ConfigurationError(what, "the service", "Move the probe over tissue until the fault is shown by motion")
+        raise ConfigurationError(what, service, "Move the probe over tissue until the fault is shown by motion")
     if proposal["image_to_probe"] is None:
-        raise ConfigurationError("proposes no calibration", "the service", proposal["text"])
+        what = told("proposes no calibration", status["language"])  # its text is in that language already
+        raise ConfigurationError(what, service, proposal["text"])
     (width, height), (lateral, axial) = reference["image_size_px"], reference["polarity"]
     matrix = np.array(proposal["image_to_probe"], np.float64)
     found = calibration_from_image_to_probe(matrix, (width, height), (lateral, axial), "status")

@@ -13,11 +13,13 @@ from probewatch.drivers.errors import ConfigurationError, DeviceLost, Probewatch
 from probewatch.tools.german.calibrations import GERMAN_OF_CALIBRATIONS
 from probewatch.tools.german.errors import GERMAN_OF_ERRORS
 from probewatch.tools.german.translation import lost_text, tell_refused
+from probewatch.tools.shared.recovered import recovered
 from tests.support.answering import Answering
 from tests.support.answers import answered
 
 ROOT = Path(__file__).parents[3]
 OF_THE_SYSTEM = ("no such file or directory", "No such file or directory", "Permission denied")
+PUT_TOGETHER = ("it is a folder, not a file",)
 
 
 def sources() -> Iterator[str]:
@@ -35,7 +37,7 @@ def whole_texts() -> str:
 @pytest.mark.parametrize(
     ("table", "between"),
     [
-        (set(GERMAN_OF_ERRORS) - set(OF_THE_SYSTEM), r"{\w+}|[,():;.]"),
+        (set(GERMAN_OF_ERRORS) - {*OF_THE_SYSTEM, *PUT_TOGETHER}, r"{\w+}|[,():;.]"),
         (GERMAN_OF_CALIBRATIONS, r"{\w+}|^ImageToProbe |[][,():;.=\"…]"),
     ],
 )
@@ -59,6 +61,19 @@ def test_nothing_is_translated_that_nobody_says(table: Iterable[str], between: s
                 "no service answers (connection refused)", "control", "Start it: probewatch run --config x"
             ),
             "control: kein Dienst antwortet (Verbindung abgelehnt). Ihn starten: probewatch run --config x",
+        ),
+        (
+            ConfigurationError("is not what probewatch noise writes", "n.toml", "Learn it again: probewatch noise"),
+            "n.toml: ist nicht das, was probewatch noise schreibt. Neu lernen: probewatch noise",
+        ),
+        (
+            ConfigurationError(
+                "cannot be written: it is a folder, not a file",
+                "d",
+                "Name a file in a folder that exists and may be written to",
+            ),
+            "d: nicht schreibbar: es ist ein Ordner, keine Datei. Eine Datei in einem Ordner nennen, den es gibt und "
+            "der beschreibbar ist",
         ),
         (DeviceLost("no such serial port", "/dev/x", "Sing"), "/dev/x: no such serial port. Sing"),
         (DeviceLost("is tired", "/dev/x", "Check the grabber's plug"), "/dev/x: is tired. Check the grabber's plug"),
@@ -90,6 +105,18 @@ def test_what_a_command_of_a_german_cart_refuses_is_german(tmp_path: Path) -> No
         f"probewatch: {tmp_path}/none: kein Dienst antwortet (keine solche Datei). Ihn starten: probewatch run "
         f"--config {cart}\n",
     )
+
+
+def test_what_recover_refuses_of_a_german_cart_is_german() -> None:
+    proposal = {"image_to_probe": None, "text": "Verzögerung ist jetzt 90 ms"}
+    for proposed, said in (
+        (None, "der Dienst: schlägt nichts vor: kein Parameter ist als falsch gezeigt. Die Sonde über Gewebe bewegen"),
+        (proposal, "der Dienst: schlägt keine Kalibrierung vor. Verzögerung ist jetzt 90 ms"),
+    ):
+        with pytest.raises(ConfigurationError) as refused:
+            recovered({"proposal": proposed, "reference": {}, "language": "de"})
+        tell_refused(refused.value, "de")
+        assert str(refused.value).startswith(said)
 
 
 IDENTITY = "image_to_probe = [[1.0, 0, 0, 0], [0, 1.0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]"

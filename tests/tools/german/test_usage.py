@@ -5,7 +5,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import click
+import pytest
+from click.testing import CliRunner
 
+from probewatch.tools.cli import probewatch
 from probewatch.tools.german.usage import GERMAN_OF_USAGE, usage_text
 from tests.support.german import other_fields
 
@@ -14,6 +17,7 @@ FOLDERS = (
     TOOLS / "commands",
     TOOLS / "shared",
     TOOLS / "recalibration",
+    TOOLS / "simulators",
     TOOLS.parent / "drivers/twins",
     Path(click.__file__).parent,
 )
@@ -37,6 +41,29 @@ def test_nothing_is_translated_that_nobody_says() -> None:
         split = re.split(r"{\w+}(?: is not )?|[:,;?]|\. |(?= Use )", bare)
         pieces = [one.strip(" .?()") for one in split if re.search("[a-z]{3}", one)]
         assert all(piece in said for piece in pieces), english
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["study", "--sessions", "dream"],
+        ["study", "--profiles", "x"],
+        ["study", "--noise-mm", "9"],
+        ["study", "--probe", "Stylus"],
+        ["study", "--hazards", "latency=450@sudden", "--duration", "5", "--sessions", "hold", "--tissues", "still"],
+        ["fleet", "--prometheus", "http://x", "--over", "soon"],
+        ["fleet", "--prometheus", "http://x", "--job", '"'],
+        ["simulate", "cart", "--unconfigured"],
+        ["page", "--host", "https://x"],
+    ],
+)
+def test_a_german_cart_refuses_these_command_lines_in_german(
+    words: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    result = CliRunner().invoke(probewatch, words, standalone_mode=False)
+    assert isinstance(result.exception, click.UsageError), result.output
+    assert usage_text(result.exception.format_message()) is not None, result.exception.format_message()
 
 
 def test_a_text_is_german_whole_or_not_at_all() -> None:
