@@ -112,9 +112,9 @@ def command(
     lit = _lamps(known, lamps)
     with stopped_saying(person.tell("nothing was written"), person.tell("stopped")):
         answers: dict[Place, Value] = {("configured",): True}
-        answers["video", "url"] = seen.url(person, lambda: _connected("video"))
-        answers["tracker", "url"] = held = tracked.url(person, lambda: _connected("tracker"))
-        answers["output", at, "url"] = driven = opened.url(person, lambda: _connected("output", held))
+        answers["video", "url"] = seen.url(person, lambda: _connected("video", language=person.language))
+        answers["tracker", "url"] = held = tracked.url(person, lambda: _connected("tracker", language=person.language))
+        answers["output", at, "url"] = driven = opened.url(person, lambda: _connected("output", held, person.language))
         answers |= lit
         simulated = _simulated(answers["video", "url"], held)
         answers["calibration", "file"] = _calibration(calibration, without, old, place, simulated, person)
@@ -180,19 +180,20 @@ def _try(url: str, kind: str, language: str) -> None:
         raise DeviceLost(f"nothing came within {_TRIAL_S:g} s", url, "Check that the device is on and measuring")
 
 
-def _connected(kind: str, taken: str = "") -> Iterator[tuple[str, str]]:
+def _connected(kind: str, taken: str = "", language: str = "en") -> Iterator[tuple[str, str]]:
     """Yields (URL, title) of each connected device of that kind that no other URL uses. Options that the driver
     requires must be typed.
     """
     for driver in (one for one in real_drivers(kind) if one.is_listed):
-        note = "".join(f"; type it with ?{name}=…" for name in driver.required)
+        note = "".join(told("; type it with ?{name}=…", language, name=name) for name in driver.required)
         for found in (one for target in driver.targets for one in CONNECTED[target](ROOT)):
             if found.path not in taken and found.node not in taken:
-                yield f"{driver.scheme}:{found.path}", f"{_title(found)}{note}"
+                yield f"{driver.scheme}:{found.path}", f"{_title(found, language)}{note}"
 
 
-def _title(found: Found) -> str:
-    return f"{found.title} ({found.obstacle})" if found.obstacle else found.title
+def _title(found: Found, language: str) -> str:
+    title = device_text(found.title, language)
+    return f"{title} ({device_text(found.obstacle, language)})" if found.obstacle else title
 
 
 def _place(known: Config, signal: Role) -> int:

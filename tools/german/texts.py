@@ -339,6 +339,7 @@ GERMAN_OF_TOOLS = {
     ),
     "bottom seen in {seen} of {pictures} pictures": "Boden gesehen in {seen} von {pictures} Bildern",
     "not known yet": "noch nicht bekannt",
+    "; type it with ?{name}=…": "; mit ?{name}=… eintippen",
     "the service": "der Dienst",
     "proposes no calibration": "schlägt keine Kalibrierung vor",
     "tracker late by {late} ± {sigma} ms": "Tracker verspätet um {late} ± {sigma} ms",

@@ -2,6 +2,7 @@
 
 import re
 import stat
+from collections import defaultdict
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,7 @@ from probewatch.appliance.configuration.config import CalibrationPlace, load_con
 from probewatch.appliance.storage.calibration_file import write_calibration
 from probewatch.appliance.supervision.annunciator import Role
 from probewatch.drivers.errors import ConfigurationError
+from probewatch.drivers.io.inventory import Found
 from probewatch.drivers.registry import split_url
 from probewatch.tools.commands.configure import (
     _calibration,
@@ -185,6 +187,16 @@ def test_a_device_that_does_not_answer_is_told_and_nothing_is_written(file: Path
 def test_a_port_that_the_tracker_takes_is_not_offered_for_the_contact() -> None:
     offered = [url for url, _ in _connected("output", "ndi:/dev/ttyS0")]
     assert not any("ttyS0" in url for url in offered)
+
+
+def test_what_is_connected_is_listed_in_german(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Beside German questions it said `in use by`, and how to type what must be typed."""
+    found = Found("/dev/ttyUSB0", "/dev/ttyUSB0", "USB device", "in use by minicom (42)")
+    monkeypatch.setattr("probewatch.tools.commands.configure.CONNECTED", defaultdict(lambda: lambda _: (found,)))
+    titles = [title for kind in ("tracker", "output") for _, title in _connected(kind, language="de")]
+    assert titles
+    assert all("benutzt von minicom (42)" in title for title in titles)
+    assert not any("type it with" in title for title in titles)
 
 
 def test_a_missing_calibration_is_told_at_its_question(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
