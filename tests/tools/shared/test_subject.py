@@ -23,7 +23,7 @@ def test_a_table_of_several_says_by_what_they_were_judged(tmp_path: Path) -> Non
     probe = tmp_path / "probe.toml"
     write_calibration(probe, Calibration(np.eye(3), (1, 1), np.array([0.2, 0.2]), np.zeros(3), SIZE_PX), {})
     for name in ("a.igs.mha", "b.igs.mha"):
-        write_metaimage(tmp_path / name, items(3, SIZE_PX), SIZE_PX)
+        write_metaimage(tmp_path / name, items(10, SIZE_PX), SIZE_PX)
     words = [str(tmp_path / "a.igs.mha"), str(tmp_path / "b.igs.mha"), "--calibration", str(probe), "--json"]
     answer = CliRunner().invoke(command, words, catch_exceptions=False)
     told = json.loads(answer.stdout)["of"]

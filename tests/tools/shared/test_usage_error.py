@@ -2,9 +2,12 @@
 
 from pathlib import Path
 
+import click
 import pytest
 
+from probewatch.tools.cli import probewatch
 from probewatch.tools.shared import named_cart
+from probewatch.tools.shared.usage_error import show_usage_error
 from tests.support.answers import answered
 
 
@@ -91,9 +94,14 @@ def test_the_cart_is_that_of_the_words(cart: Path, tmp_path: Path) -> None:
     assert "Error: No such option '--x'." in answered("status", "--config", tmp_path / "none", "--x").stderr
 
 
-def test_what_has_no_german_is_english_whole(cart: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_has_no_german_is_english_whole(
+    cart: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.setenv(named_cart.ENVIRONMENT, str(cart))
-    shown = answered("fleet", "--job", "a b").stderr
+    context = click.Context(probewatch, info_name="probewatch")
+    odd = click.BadParameter("it is odd", context, param_hint="'--job'")
+    show_usage_error(odd, probewatch, ["fleet", "--job", "a b"])
+    shown = capsys.readouterr().err
     assert shown.startswith("Usage: ")
-    assert "Error: Invalid value for '--job': is not a job name" in shown
+    assert "Error: Invalid value for '--job': it is odd" in shown
     assert "Commands" in answered().stdout + answered().stderr
