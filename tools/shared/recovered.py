@@ -16,12 +16,13 @@ def recovered(status: dict[str, Any]) -> Calibration:
     the reference or a source is. Raises ConfigurationError where the service proposes none.
     """
     proposal, reference = status.get("proposal"), status["reference"]
-    service = told("the service", str(status.get("language", "en")))
+    language = str(status.get("language", "en"))
+    service = told("the service", language)
     if proposal is None or reference is None:
         what = "proposes nothing: no parameter is shown to be wrong"
         raise ConfigurationError(what, service, "Move the probe over tissue until the fault is shown by motion")
     if proposal["image_to_probe"] is None:
-        what = told("proposes no calibration", status["language"])  # its text is in that language already
+        what = told("proposes no calibration", language)  # its text is in that language already
         raise ConfigurationError(what, service, proposal["text"])
     (width, height), (lateral, axial) = reference["image_size_px"], reference["polarity"]
     matrix = np.array(proposal["image_to_probe"], np.float64)
