@@ -68,7 +68,7 @@ class History(_Stored):
 
     entries: oldest first; the last is in force. configured_sha256: SHA-256 of the configuration's file when it became
     the first reference, or when a later choice of a person was verified, so that a change of that file is noticed;
-    empty where it could not be read then.
+    empty where it could not be read then; "none" where a choice was verified while the configuration named no file.
     """
 
     v: Literal[1] = 1

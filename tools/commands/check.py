@@ -25,6 +25,7 @@ from probewatch.appliance.storage.reference_dates import stated_dates
 from probewatch.drivers.errors import ConfigurationError
 from probewatch.drivers.registry import check_options
 from probewatch.tools.german.translation import mistake_text, recognised, tell_refused, told
+from probewatch.tools.shared.kept_reference import KEPT, kept_number
 from probewatch.tools.shared.limits_in_force import remarks as remarks_on_limits
 from probewatch.tools.shared.limits_in_force import remarks_on_ages, remarks_on_depth
 from probewatch.tools.shared.limits_in_force import rows as limit_rows
@@ -68,6 +69,8 @@ def command(file: Path) -> None:
         click.secho(remark, err=True, fg="yellow")
     usable = "{file} can be used; it names no calibration" if named is None else "{file} and {named} can be used"
     click.echo(told(usable, language, file=file, named=named))
+    if (number := kept_number(config)) is not None:
+        click.echo(told(KEPT, language, number=number))
     click.echo("\n".join(limit_rows(config.limits, text, language)))
     if not is_configured(file):
         click.echo(told("but the service waits until it says configured = true", language))

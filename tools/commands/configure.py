@@ -26,6 +26,7 @@ from probewatch.tools.shared.configuration_text import Answers, Value, changed, 
 from probewatch.tools.shared.device_question import DeviceQuestion, Respondent, whole_path
 from probewatch.tools.shared.driver_text import real_drivers
 from probewatch.tools.shared.interruption import stopped_saying
+from probewatch.tools.shared.kept_reference import KEPT, kept_number
 from probewatch.tools.shared.limits_in_force import remarks as remarks_on_limits
 from probewatch.tools.shared.named_cart import cart_language, file_argument, speak
 from probewatch.tools.shared.unit_sight import is_of_the_unit
@@ -358,6 +359,8 @@ def _tell_next(file: Path, was_configured: bool, contact: str, person: Responden
     test = "to test the contact, when it is not in use and no service is running: probewatch probe '{url}' --click"
     click.echo(person.tell(test, url=contact))
     config = config_of(configuration_text(file), file)
-    if config.calibration.file is None:
+    if (number := kept_number(config)) is not None:
+        click.echo(person.tell(KEPT, number=number))
+    elif config.calibration.file is None:
         scan = "no calibration yet? scan it: probewatch recalibrate --live --solve all --config {file}"
         click.echo(person.tell(scan, file=file))

@@ -5,6 +5,9 @@ report of a cart as it was set up.
 GERMAN_OF_SETUP = {
     # check
     "{file} can be used; it names no calibration": "{file} ist brauchbar; sie nennt keine Kalibrierung",
+    "reference {number} of its history stays in force; another: probewatch calibration use FILE": (
+        "Referenz {number} ihres Verlaufs bleibt in Kraft; eine andere: probewatch calibration use DATEI"
+    ),
     "{file} and {named} can be used": "{file} und {named} sind brauchbar",
     "{file} is not configured yet: probewatch configure {file}": (
         "{file} ist noch nicht eingerichtet: probewatch configure {file}"
@@ -43,6 +46,7 @@ GERMAN_OF_SETUP = {
     "Give --yes to accept it": "Mit --yes annehmen",
     "What stands in its way: probewatch status": "Was im Wege steht: probewatch status",
     # self-test
+    "reference {number} is in force, as was decided later": ("Referenz {number} ist in Kraft, wie später entschieden"),
     "1 of {number} is not green.": "1 von {number} ist nicht grün.",
     # dates of a calibration
     "it counts from {day}, when its file was first used": "gezählt vom {day}, als ihre Datei zum ersten Mal galt",
@@ -50,6 +54,9 @@ GERMAN_OF_SETUP = {
         "falls die Uhr damals falsch ging: eine geänderte Datei verwenden, oder probewatch calibration reset"
     ),
     # status
+    "the configuration names no calibration any more, and reference {number} stays in force": (
+        "die Konfiguration nennt keine Kalibrierung mehr, und Referenz {number} bleibt in Kraft"
+    ),
     "once the position sensor was looked at: probewatch ack --bump": (
         "sobald der Positionssensor angesehen wurde: probewatch ack --bump"
     ),

@@ -9,6 +9,7 @@ import numpy as np
 
 from probewatch.appliance.core.registration.overlay import OverlayMask
 from probewatch.appliance.core.registration.pyramid import pyramid
+from probewatch.appliance.storage.reference_store import CONFIGURED
 from probewatch.appliance.supervision.fault_row import Device
 from probewatch.appliance.supervision.faults import of_device
 from probewatch.appliance.types import State
@@ -168,11 +169,18 @@ def reference(status: Status, utc: datetime) -> list[Item]:
         Item(
             "configured calibration",
             changed is None,
-            changed or "is in force",
+            changed or _in_force(known),
             "" if changed is None else "probewatch calibration",
         )
     )
     return items
+
+
+def _in_force(known: Mapping[str, Any]) -> str:
+    """Returns what is in force of the configured calibration, where nobody has to decide about it."""
+    if known["origin"] == CONFIGURED:
+        return "is in force"
+    return f"reference {known['number']} is in force, as was decided later"
 
 
 def timing(name: str, samples: Sequence[Frame | Pose], arrivals_ns: Sequence[int], silence_ms: float) -> list[Item]:

@@ -13,6 +13,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from probewatch.appliance.configuration.config import Config
+from probewatch.appliance.service.control.configured_reference import UNNAMED, configured
 from probewatch.appliance.service.control.last_reference import last_reference
 from probewatch.appliance.service.host.log import get_log
 from probewatch.appliance.service.host.own_files import own_files
@@ -33,7 +34,6 @@ from probewatch.appliance.storage.reference_store import (
     Entry,
     History,
     read_history,
-    sha256_of,
     write_history,
 )
 from probewatch.appliance.supervision.alarms import EXPIRED_CALIBRATION, NO_CALIBRATION
@@ -43,9 +43,6 @@ from probewatch.drivers.errors import ConfigurationError
 from probewatch.drivers.samples import Matrix4
 
 SOFTWARE = version("probewatch")
-
-_TAKE = "Take it with: probewatch calibration use"
-_UNREADABLE = ""
 
 
 class References(threading.Thread):
@@ -227,7 +224,7 @@ class References(threading.Thread):
             entry = self.current.entry.model_copy(update={"verified_utc": _now()})
             self._history = self._history.model_copy(update={"entries": (*self._history.entries[:-1], entry)})
             self.current = Reference(entry, self.current.candidate)
-            self._decided = True
+            self._decided = entry.origin != CONFIGURED
         self.look_again()
 
     def note_relative_pose(self, reference: Calibration | None, relative_pose: Matrix4 | None) -> None:
@@ -309,17 +306,13 @@ class References(threading.Thread):
                 self.take(candidate, CONFIGURED)
 
     def _compare_configured(self) -> None:
-        """Reports a configured file that is neither in force nor as it was when a person last decided."""
-        file = self._place.file
-        if file is None:
-            return
-        try:
-            sha256, trouble = sha256_of(calibration_bytes(file)), "was changed"
-        except ConfigurationError as error:
-            sha256, trouble = _UNREADABLE, error.what
-        changed = None if self._decided_about(sha256) else f"{file} {trouble}, and is not in force"
+        """Reports a configured file, or that none is named any more, that is neither in force nor as it was when a
+        person last decided.
+        """
+        sha256, what, remedy = configured(self._place.file, len(self._history.entries))
+        changed = None if self._decided_about(sha256) else what
         if changed is not None and changed != self.changed:
-            self._log.warning("configured calibration is not in force", what=changed, remedy=f"{_TAKE} {file}")
+            self._log.warning("configured calibration is not in force", what=changed, remedy=remedy)
         self.changed = changed
 
     def _decided_about(self, sha256: str) -> bool:
@@ -331,7 +324,8 @@ class References(threading.Thread):
                 self._decided = False
                 if sha256 != self._history.configured_sha256:
                     self._history = self._history.model_copy(update={"configured_sha256": sha256})
-            return in_force or sha256 == self._history.configured_sha256
+            known = self._history.configured_sha256
+            return in_force or sha256 == (UNNAMED if known is None else known)
 
     def _write(self) -> None:
         with self._lock:

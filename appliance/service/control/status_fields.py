@@ -151,7 +151,7 @@ STATUS = (
     Field(
         "calibration_changed",
         "string or null",
-        "the configured calibration file was edited or renamed and is not in force",
+        "the configured calibration file was edited, renamed or is no longer named, and is not in force",
         metric=Metric("calibration_file_changed", Kind.GIVEN, "1: the configured calibration file is not in force"),
         line=Line("! {}"),
     ),

@@ -112,6 +112,43 @@ def test_a_configuration_that_returns_to_an_old_file_is_named(tmp_path):
     assert "probe.toml was changed" in looked(configuration(tmp_path)).changed
 
 
+def named(config, file):
+    """The configuration of the same cart with that calibration."""
+    return config.model_copy(update={"calibration": config.calibration.model_copy(update={"file": file})})
+
+
+NONE_ANY_MORE = "the configuration names no calibration any more, and reference 1 stays in force"
+
+
+def test_a_configuration_that_names_no_calibration_any_more_is_named(tmp_path, log):
+    """It was silent: `configure --no-calibration` went on with the reference in force."""
+    config = configuration(tmp_path)
+    verified(config)
+    assert looked(named(config, None)).changed == NONE_ANY_MORE
+    assert "configured calibration is not in force" in log.getvalue()
+    assert "probewatch calibration use FILE" in log.getvalue()
+
+
+def test_motion_that_verifies_the_configured_reference_is_no_decision_about_another_file(tmp_path):
+    config = configuration(tmp_path)
+    settled(started(config))
+    verified(named(config, None))
+    assert looked(named(config, None)).changed == NONE_ANY_MORE
+
+
+def test_of_a_cart_that_never_named_one_or_whose_reference_was_chosen_since_it_says_nothing(tmp_path):
+    config = configuration(tmp_path)
+    unnamed = named(config, None)
+    references = started(unnamed)
+    references.take(references.from_content(config.calibration.file.read_bytes(), "scan"), "recalibration")
+    settled(references)
+    assert looked(unnamed).changed is None
+    verified(unnamed)
+    assert looked(unnamed).changed is None
+    (tmp_path / "probe.toml").unlink()
+    assert "No such file" in looked(config).changed, "named again, it is compared"
+
+
 @pytest.mark.parametrize("bytes_left", [0, 10, 200])
 def test_a_history_that_was_cut_is_refused_by_name(tmp_path, bytes_left):
     config = configuration(tmp_path)

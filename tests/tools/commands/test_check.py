@@ -13,6 +13,7 @@ from tests.appliance.configuration.test_config import GOOD, written
 from tests.appliance.storage.test_calibration_file import calibration
 from tests.appliance.storage.test_device_set import device_set
 from tests.support.answers import answered
+from tests.support.stores import configuration, settled, started
 
 
 def check(file: Path) -> Result:
@@ -50,6 +51,16 @@ def test_of_a_german_cart_it_tells_in_german_what_is_in_force(folder: Path) -> N
         "latency_ms 30 in der Datei angegeben, wie Profil clinical sie hat",
     ]
     assert result.stderr == "[limits] offset_mm ist weiter als in Profil clinical: OK sagt weniger als dieser Name\n"
+
+
+def test_of_a_cart_that_names_no_calibration_it_tells_which_reference_stays_in_force(tmp_path: Path) -> None:
+    config = configuration(tmp_path)
+    file = tmp_path / "probewatch.toml"
+    file.write_text(file.read_text().replace('calibration.file = "probe.toml"\n', ""))
+    kept = "reference 1 of its history stays in force; another: probewatch calibration use FILE"
+    assert kept not in check(file).stdout, "it has no history yet"
+    settled(started(config))
+    assert kept in check(file).stdout
 
 
 def test_it_tells_which_limits_are_in_force_and_why(folder: Path) -> None:

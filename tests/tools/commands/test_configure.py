@@ -24,6 +24,7 @@ from probewatch.tools.shared.device_question import DeviceQuestion
 from tests.appliance.storage.test_calibration_file import calibration
 from tests.appliance.storage.test_device_set import CLIP, device_set
 from tests.support.person import Person
+from tests.support.stores import configuration, settled, started
 from tests.tools.shared.test_device_question import Answers, tool_definition
 
 DEVICES = (
@@ -51,6 +52,18 @@ def file(tmp_path: Path) -> Path:
 def refusal(result: Result) -> str:
     assert isinstance(result.exception, ConfigurationError), result.output
     return str(result.exception)
+
+
+def test_a_cart_whose_calibration_is_named_no_longer_is_told_that_it_stays_in_force(tmp_path: Path) -> None:
+    """It said "no calibration yet? scan it"."""
+    settled(started(configuration(tmp_path)))
+    file = tmp_path / "cart.toml"
+    file.write_text(template().replace('# folder = "/var/lib/probewatch"', 'folder = "state"'))
+    assert load_config(file).alarm.folder == tmp_path / "state"
+    result = configured(file, *GIVEN)
+    assert result.exit_code == 0, result.output
+    assert "reference 1 of its history stays in force" in result.stdout
+    assert "no calibration yet" not in result.stdout
 
 
 def test_the_file_of_a_package_becomes_that_of_this_cart(file: Path) -> None:

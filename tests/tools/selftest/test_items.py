@@ -117,6 +117,15 @@ def test_the_recorded_status_is_green_and_each_thing_that_is_wrong_is_red() -> N
     assert named("configured calibration", calibration_changed="was changed") is False
 
 
+@pytest.mark.parametrize(
+    ("origin", "said"),
+    [("configuration", "is in force"), ("recalibration", "reference 3 is in force, as was decided later")],
+)
+def test_it_says_of_the_configured_calibration_whether_it_is_that_or_a_later_one(origin, said) -> None:
+    status = recorded(reference=recorded()["reference"] | {"origin": origin, "number": 3})
+    assert [item.what for item in items.reference(status, NOW) if item.name == "configured calibration"] == [said]
+
+
 @pytest.mark.parametrize("synchronised", [True, False, None])
 def test_a_clock_before_the_program_was_made_is_wrong(synchronised) -> None:
     assert items.clock(NOW, NOW - timedelta(days=1), synchronised).green
