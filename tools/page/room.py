@@ -8,6 +8,7 @@ from probewatch.appliance.supervision.languages import translated
 from probewatch.tools.page.bars import bars
 from probewatch.tools.page.contours import contours
 from probewatch.tools.page.devices import devices
+from probewatch.tools.page.lacks import lacks
 from probewatch.tools.page.wording import figures
 from probewatch.tools.shared.gesture_drawings import drawn
 from probewatch.tools.shared.point_text import point_text
@@ -21,7 +22,8 @@ def room(status: Mapping[str, Any]) -> dict[str, Any]:
     """Returns the fields of the room's view. simulated: whether a source is not a real device. headline: the state.
     named: what is wrong, empty where nothing is. point: the error of a point; contours: those of that error, over the
     picture. limits: whose limits are in force. rests: the remark that what is verified rests on earlier motion.
-    gestures: drawing and text of each that is asked for. bars, devices: their rows.
+    gestures: drawing and text of each that is asked for. bars, devices: their rows. lacks: what the cart lacks for a
+    button, by its request.
     """
     language = status.get("language", "en")
     said = status["text"].split(_PARTS)[1 if status["simulated"] else 0 :]
@@ -37,6 +39,7 @@ def room(status: Mapping[str, Any]) -> dict[str, Any]:
         "limits": figures(profile_text(status.get("limits"), language), language),
         "bars": bars(status["checks"], language),
         "devices": devices(status, language),
+        "lacks": lacks(status),
     }
 
 

@@ -14,8 +14,10 @@ from probewatch.appliance.supervision.faults import of_device
 from probewatch.appliance.supervision.languages import translated
 from probewatch.appliance.types import PARAMETERS, AlarmState, Fault, Kind, State
 from probewatch.tools import page
+from probewatch.tools.page.asking import REQUESTS
 from probewatch.tools.page.bars import NAMES, bars, rounded
 from probewatch.tools.page.devices import devices
+from probewatch.tools.page.lacks import NO_LAMPS, NO_TONE
 from probewatch.tools.page.room import room
 from probewatch.tools.shared.gesture_drawings import DRAWINGS, drawing, drawn
 from tests.support.answering import recorded
@@ -55,6 +57,26 @@ def check(name: str, **fields: Any) -> dict[str, Any]:
 
 def of(name: str, rows: list[dict[str, Any]]) -> dict[str, Any]:
     return next(row for row in rows if row["name"] == name)
+
+
+@pytest.mark.parametrize(
+    ("signals", "lacking"),
+    [
+        (["contact"], {"lamp-test": NO_LAMPS, "silence": NO_TONE, "sound": NO_TONE}),
+        (["contact", "red"], {"silence": NO_TONE, "sound": NO_TONE}),
+        (["tone", "contact"], {}),
+    ],
+)
+def test_of_a_cart_without_lamp_or_tone_the_page_says_so_instead_of_done(
+    signals: list[str], lacking: dict[str, str]
+) -> None:
+    """It said "done" of a lamp test and of silence, whatever the cart had."""
+    told = room(recorded(outputs=[{"url": "relay:x", "signal": signal} for signal in signals]))
+    assert told["lacks"] == lacking
+    assert set(lacking) <= set(REQUESTS)
+    assert set(lacking.values()) <= set(GERMAN)
+    script = (Path(page.__file__).parent / "files" / "status.js").read_text(encoding="utf-8")
+    assert "shownLast.lacks[what]" in script
 
 
 def test_there_are_ten_bars_also_where_nothing_is_known() -> None:

@@ -15,6 +15,8 @@ const GERMAN = {
   "for": "seit",
   "since": "seit",
   "done": "getan",
+  "this cart has neither lamp nor tone, only the contact": "dieser Wagen hat weder Lampe noch Ton, nur den Kontakt",
+  "this cart has no tone": "dieser Wagen hat keinen Ton",
   "lost": "fehlt",
   "now": "jetzt",
   "−60 min": "−60 min",

@@ -178,7 +178,8 @@ async function request(what) {
   }
   const said = await post(`/request/${what}`);
   const button = document.querySelector(`[data-request="${what}"]`);
-  set("done", said.ok ? `${button.textContent}: ${say("done")}` : "");
+  const lacking = shownLast && shownLast.lacks[what];
+  set("done", said.ok ? `${button.textContent}: ${say(lacking || "done")}` : "");
 }
 for (const button of document.querySelectorAll("[data-request]")) button.onclick = () => request(button.dataset.request);
 el("token-form").onsubmit = async event => {
