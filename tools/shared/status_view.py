@@ -187,7 +187,8 @@ def _advice(status: Status) -> str:
     """Returns what to do; in the calm states, and where it is not clear what is wrong, the reason of the state instead,
     if that adds to the text.
     """
-    if status["fault"] not in (None, Fault.UNDECIDED) or status["state"] == State.RECALIBRATING.value:
+    recalibrates = status["state"] == State.RECALIBRATING.value and not _prompt(status)
+    if status["fault"] not in (None, Fault.UNDECIDED) or recalibrates:
         return shown(status["remedy"])
     reason = recognised(status["reason"], _language(status))
     return "" if reason in status["text"] or reason == status["remedy"] else shown(reason)
@@ -195,9 +196,10 @@ def _advice(status: Status) -> str:
 
 def _prompt(status: Status) -> str:
     """Returns the motion that shows what is missing, or what must be done before motion can show anything."""
-    if status["state"] == State.RECALIBRATING.value:  # the remedy is said already, as the advice
-        return ""
-    asked = status.get("gesture") or (status["state"] == State.NOT_VERIFIED.value and status.get("reference_waits"))
+    gesture = status.get("gesture", ())
+    if status["state"] == State.RECALIBRATING.value and not all(one in status["remedy"] for one in gesture):
+        return ""  # the scan goes on, and the remedy is said as the advice
+    asked = gesture or (status["state"] == State.NOT_VERIFIED.value and status.get("reference_waits"))
     return shown(status["remedy"]) if status["fault"] in (None, Fault.UNDECIDED) and asked else ""
 
 

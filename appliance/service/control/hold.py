@@ -88,6 +88,11 @@ class Hold:
         if self._begun is not None:
             self._begun.given = True
 
+    @property
+    def scans(self) -> bool:
+        """Returns whether a recalibration has begun and no new calibration was taken yet."""
+        return self._begun is not None and not self._begun.given
+
     def release(self) -> None:
         """Releases the hold when a person has given the recalibration up."""
         self._begun = None

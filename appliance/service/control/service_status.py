@@ -1,9 +1,9 @@
 """Assembles the whole status of the service from what each part knows."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from probewatch.appliance.core.quality.gesture import gestures
+from probewatch.appliance.core.quality.gesture import Gesture, gestures
 from probewatch.appliance.core.quality.shown import Shown
 from probewatch.appliance.service.control.hold import Hold
 from probewatch.appliance.service.control.live_configuration import LiveConfiguration
@@ -28,7 +28,7 @@ from probewatch.appliance.service.feed.process_host import FeedHost
 from probewatch.appliance.service.host.host_watch import HostWatch
 from probewatch.appliance.service.host.recorder import Recorder
 from probewatch.appliance.supervision.annunciator import Annunciator
-from probewatch.appliance.types import State
+from probewatch.appliance.types import AlarmState, State
 from probewatch.drivers.device_api import BUMPED
 
 
@@ -66,13 +66,9 @@ class ServiceStatus:
         lacking = [name for name, one in shown_now.items() if one is Shown.MISSING]
         rivals = () if seen.verdict is None else seen.verdict.rivals
         asked = gestures([rival.check.name for rival in rivals] or lacking)
-        step = self._references.next_step
-        remarks = self._devices.tracker.remarks
-        bumped = any(BUMPED in remark for remark in remarks)
-        known = asked, shown_now, step, bumped, self._proposals.beyond_url
         return {
             "t_ns": now_ns,
-            **alarm_fields(now_ns, seen.alarm, config.alarm.language, config.simulated, *known),
+            **self._alarm_fields(seen.alarm, asked, shown_now),
             **origin_fields(config, self._configuration.file, self._references),
             "recalibration": self._hold.fields(peer, now_ns, seen.recalibrating, seen.alarm.state is State.MONITORING),
             "language": config.alarm.language,
@@ -88,11 +84,28 @@ class ServiceStatus:
             "alarms": dict(seen.alarms),
             "estimator": self._estimator.ended,
             "feed": {"refused": self._feed.refused, **self._feed.counts._asdict()},
-            "remarks": list(remarks),
+            "remarks": list(self._devices.tracker.remarks),
             "fps": self._devices.fps,
             **self._host.fields(now_ns),
             "counters": self._counters(),
         }
+
+    def _alarm_fields(
+        self, alarm: AlarmState, asked: Sequence[Gesture], shown_now: Mapping[str, Shown]
+    ) -> dict[str, Any]:
+        config = self._configuration.config
+        return alarm_fields(
+            self._supervision.now_ns,
+            alarm,
+            config.alarm.language,
+            config.simulated,
+            asked,
+            shown_now,
+            self._references.next_step,
+            bumped=any(BUMPED in remark for remark in self._devices.tracker.remarks),
+            beyond_url=self._proposals.beyond_url,
+            scans=self._hold.scans,
+        )
 
     def _counters(self) -> dict[str, int]:
         video, tracker, word = self._devices.video, self._devices.tracker, self._estimator.last

@@ -98,16 +98,19 @@ def alarm_fields(
     next_step: str = "",
     bumped: bool = False,
     beyond_url: bool = False,
+    scans: bool = False,
 ) -> dict[str, Any]:
     """Returns what is shown in the room, in its language. simulated: URLs of the sources that are not real devices.
     wanted: motion that is still required. shown_now: that of `shown_of_each`. next_step: of the reference, before which
     no motion helps. bumped: the tracker waits for a person to check its position sensor. beyond_url: the latency that
-    motion shows is one that the tracker's URL cannot state.
+    motion shows is one that the tracker's URL cannot state. scans: a recalibration has not taken its calibration yet,
+    so there is none that motion could show.
     """
     text, remedy = operator_text(alarm.state, alarm.fault, language, Fault.OVERLOADED in alarm.notices)
     text += _carried_by(alarm, shown_now, language)
     motions = [] if next_step else [translated(gesture.value, language) for gesture in wanted]
-    shows = alarm.fault is None if alarm.state is State.NOT_VERIFIED else alarm.fault is Fault.UNDECIDED
+    waits = alarm.state is State.NOT_VERIFIED or (alarm.state is State.RECALIBRATING and not scans)
+    shows = alarm.fault is None if waits else alarm.fault is Fault.UNDECIDED
     if shows and motions:
         remedy = "; ".join([translated("Probe on tissue", language), *motions])
     signal, reason = SIGNALS[alarm.state], alarm.reason

@@ -8,6 +8,7 @@ import pytest
 
 from probewatch.appliance.core.quality.gesture import Gesture
 from probewatch.appliance.service.control.status import alarm_fields
+from probewatch.appliance.supervision.alarms import SIGNALS
 from probewatch.appliance.supervision.languages import LANGUAGES, translated
 from probewatch.appliance.types import AlarmState, State
 from tests.appliance.service.test_daemon import moved
@@ -93,3 +94,12 @@ def test_the_step_is_told_in_the_calm_state_alone(language: str) -> None:
     assert alarm_fields(0, calm, language, wanted=wanted, next_step=step)["remedy"] == translated(step, language)
     assert alarm_fields(0, calm, language, wanted=wanted)["gesture"] == [translated(Gesture.PRESS.value, language)]
     assert "expired" not in alarm_fields(0, lost, language, next_step=step)["remedy"]
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_a_recalibration_asks_for_motion_once_it_has_taken_its_calibration(language: str) -> None:
+    """It said "Finish the scan" to the end, and no motion."""
+    alarm, wanted = AlarmState(State.RECALIBRATING, 0, None, "", False, None), (Gesture.PRESS,)
+    scan, press = (translated(text, language) for text in (SIGNALS[State.RECALIBRATING].remedy, Gesture.PRESS.value))
+    assert alarm_fields(0, alarm, language, wanted=wanted, scans=True)["remedy"] == scan
+    assert alarm_fields(0, alarm, language, wanted=wanted)["remedy"].endswith(f"; {press}")

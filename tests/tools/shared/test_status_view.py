@@ -343,3 +343,5 @@ def test_while_recalibrating_the_status_says_what_comes_next() -> None:
 def test_while_recalibrating_the_remedy_is_said_once() -> None:
     asked = status(state="recalibrating", reason="", remedy="Finish the scan", gesture=["tilt it"])
     assert " ".join(drawn(120, asked)).count("Finish the scan") == 1
+    moves = status(state="recalibrating", reason="", remedy="Probe on tissue; tilt it", gesture=["tilt it"])
+    assert " ".join(drawn(120, moves)).count("tilt it") == one_line(moves).count("tilt it") == 1

@@ -119,7 +119,9 @@ def test_processes_that_the_kernel_does_not_tell_apart_are_not_taken_for_one(ben
 
 def test_while_who_gave_a_calibration_waits_for_its_proof_nobody_else_changes_it(bench: Bench) -> None:
     """Who has left leaves it free, and the service proves it by itself: that is not given up."""
+    assert bench.hold.scans
     bench.hold.give()
+    assert not bench.hold.scans
     assert "anna, process 7 has recalibrated for 12 s, and the new calibration is being ver" in bench.refusal(OTHER, 12)
     bench.look(13, is_open=False)
     assert (bench.aborted, bench.refusal(OTHER, 13), bench.told(13, recalibrating=True)) == (0, "", None)
