@@ -164,6 +164,9 @@ GERMAN = {text: german for row in FAULT_ROWS.values() for text, german in row.tr
     "now": "jetzt",
     "there is nothing to acknowledge": "es gibt nichts zu quittieren",
     "not possible while": "nicht möglich im Zustand",
+    "It ends by itself once its cause is mended; silent until then: probewatch pause": (
+        "Er endet von selbst, sobald seine Ursache behoben ist; bis dahin stumm: probewatch pause"
+    ),
     "already acknowledged, waiting until the calibration is verified again": (
         "schon quittiert; er endet, sobald die Kalibrierung wieder bestätigt ist"
     ),

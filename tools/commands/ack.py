@@ -8,7 +8,8 @@ import click
 
 from probewatch.appliance.service.control.client import ControlClient
 from probewatch.appliance.service.control.server import ControlRefused
-from probewatch.appliance.supervision.alarms import ACKNOWLEDGED, NOT_NOW
+from probewatch.appliance.supervision.alarms import ACKNOWLEDGED, NOT_NOW, Priority
+from probewatch.appliance.supervision.audio import AudioMode
 from probewatch.appliance.supervision.languages import translated, translated_text
 from probewatch.tools.shared.named_cart import socket_option
 from probewatch.tools.shared.spoken import language_of, say, say_change
@@ -52,16 +53,23 @@ def _has_expired(status: Mapping[str, Any]) -> bool:
     return bool(status.get("reference_overdue")) and status.get("reference_waits") == status["reference_overdue"]
 
 
+def _sounds(status: Mapping[str, Any]) -> bool:
+    """Returns whether an alarm sounds, so that a person may want it silent until its cause is mended."""
+    sounds = status["priority"] in (Priority.HIGH.value, Priority.MEDIUM.value)
+    return sounds and status["audio"]["mode"] == AudioMode.ON.value
+
+
 def _acknowledged(client: ControlClient) -> str:
     """Returns what was acknowledged. Raises ControlRefused."""
     try:
         return client.acknowledge()
     except ControlRefused as error:
         if error.what.startswith(NOT_NOW):
-            language = language_of(client.status())
+            status = client.status()
+            language = language_of(status)
             state = translated_text(error.what.removeprefix(NOT_NOW).strip(), language)
             what = f"{say('nothing', language)}: {say('not now', language)} {state}"
-            raise ControlRefused(what) from None
+            raise ControlRefused(what, remedy=say("silence", language) if _sounds(status) else "") from None
         if error.what == ACKNOWLEDGED:
             raise ControlRefused(say("already", language_of(client.status()))) from None
         raise

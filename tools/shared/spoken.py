@@ -16,6 +16,7 @@ SPOKEN = {
     "now": "now",
     "nothing": "there is nothing to acknowledge",
     "not now": NOT_NOW,
+    "silence": "It ends by itself once its cause is mended; silent until then: probewatch pause",
     "already": "already acknowledged, waiting until the calibration is verified again",
     "no lamps": "this service has no lamp and no tone, only the contact; see [[output]] in its configuration",
     "lamps": "for five seconds these must light up or sound:",

@@ -37,6 +37,20 @@ def test_a_person_is_told_whether_there_is_anything_to_acknowledge(tmp_path: Pat
     assert (answer.returncode, said in answer.stderr) == (75, True), answer
 
 
+@pytest.mark.parametrize(("language", "ends"), [("en", "silent until then"), ("de", "bis dahin stumm")])
+def test_of_an_alarm_that_cannot_be_acknowledged_it_names_how_to_silence_it(
+    tmp_path: Path, language: str, ends: str
+) -> None:
+    """Of a lost device, which sounds until it is back, it said only that there was nothing to acknowledge."""
+    lost = {"language": language, "state": "device lost", "priority": "high"}
+    with _Refusing(tmp_path / "control", "not possible while device lost", lost) as service:
+        answer = answered("ack", "--socket", service.path)
+        service.changes |= {"audio": recorded()["audio"] | {"mode": "paused"}}
+        silent = answered("ack", "--socket", service.path)
+    assert answer.stderr.endswith(f"; {ends}: probewatch pause\n")
+    assert "probewatch pause" not in silent.stderr
+
+
 class _Granting(Answers):
     """A service that grants what it is asked for. changes: of its status."""
 
