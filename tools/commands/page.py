@@ -1,6 +1,7 @@
 """`probewatch page`: serves the cart's web page, from a separate process."""
 
 import platform
+import shlex
 import socket as sockets
 import sys
 import time
@@ -18,7 +19,7 @@ from probewatch.tools.page.alarm_log_watch import AlarmLogWatch
 from probewatch.tools.page.asking import Asking
 from probewatch.tools.page.connection import Connection
 from probewatch.tools.page.pictures import Pictures
-from probewatch.tools.page.server import Page, Parts
+from probewatch.tools.page.server import TOKEN_COMMAND, Page, Parts
 from probewatch.tools.page.token_socket import Door, invitation
 from probewatch.tools.page.tokens import TOKEN_S, Tokens
 from probewatch.tools.recalibration.session import ScanSession
@@ -119,7 +120,17 @@ def command(
         click.echo(_how_to_ask(served), err=True)
         warn_if_absent(control)
         _warn_if_useless(folder)
-        parts = Parts(watch, pictures, session, alarms, Asking(control), tokens, cart, _called(host, hosts))
+        parts = Parts(
+            watch,
+            pictures,
+            session,
+            alarms,
+            Asking(control),
+            tokens,
+            cart,
+            _called(host, hosts),
+            _token_command(served),
+        )
         _serve(Page(parts), listener)
 
 
@@ -145,6 +156,13 @@ def _serve(page: Page, listener: sockets.socket) -> None:
         timeout_graceful_shutdown=1,
     )
     uvicorn.Server(config).run(sockets=[listener])
+
+
+def _token_command(door: Path | None) -> str:
+    """Returns what a person types, in any folder, for a token of the running page."""
+    if door == _DOOR:
+        return TOKEN_COMMAND
+    return f"{TOKEN_COMMAND} --door {'FILE' if door is None else shlex.quote(str(door.absolute()))}"
 
 
 def _how_to_ask(door: Path | None) -> str:

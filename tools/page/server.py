@@ -6,6 +6,7 @@ loaded from elsewhere, and nothing on the page runs but its own files (Content-S
 """
 
 import asyncio
+import html
 import json
 import time
 from collections import Counter
@@ -49,14 +50,17 @@ _PICTURE_S = 2.0
 look alive; shorter asks more often for nothing."""
 _LOOK_S = 0.02
 """Seconds between two looks for a newer picture: a fifth of the time between two at ten a second."""
-_NO_TOKEN = "a token is needed: probewatch page --token gives one"
+TOKEN_COMMAND = "probewatch page --token"
+"""What a person types for a token of the page that the package starts, as the pages say it."""
 _MOST_DIGITS = 9
 """Digits of the number of a view. Python refuses to read more than 4300, which would be an error of this server."""
 
 
 @dataclass(frozen=True, slots=True)
 class Parts:
-    """Holds what the page is made of. cart: its name. hosts: names and addresses by which it may be called, no port."""
+    """Holds what the page is made of. cart: its name. hosts: names and addresses by which it may be called, no port.
+    token_command: what a person types in a terminal of the cart for a token.
+    """
 
     watch: StatusWatch
     pictures: Pictures
@@ -66,6 +70,7 @@ class Parts:
     tokens: Tokens
     cart: str
     hosts: frozenset[str]
+    token_command: str = TOKEN_COMMAND
 
 
 @dataclass(eq=False, slots=True)
@@ -83,6 +88,10 @@ class Page:
         self._parts = parts
         found = [path for folder in _FILES for path in sorted(folder.iterdir()) if path.suffix in _KINDS]
         self._files = {path.name: path.read_bytes() for path in found}
+        for name in ("status.html", "recalibrate.html"):
+            command = html.escape(parts.token_command).encode()
+            self._files[name] = self._files[name].replace(TOKEN_COMMAND.encode(), command)
+        self._no_token = f"a token is needed: {parts.token_command} gives one"
         self._listeners: list[_Listener] = []
         self._language = "en"  # of the room, as the service last reported it
         routes = [
@@ -205,7 +214,8 @@ class Page:
             return refused("too many wrong tokens; wait a minute", 429)
         cookie = self._parts.tokens.redeem(str(body.get("token", "")), now_s, address)
         if cookie is None:
-            return refused("the token is wrong, was used, or is too old: probewatch page --token gives another", 403)
+            command = self._parts.token_command
+            return refused(f"the token is wrong, was used, or is too old: {command} gives another", 403)
         response = JSONResponse({"ok": True})
         response.set_cookie(_COOKIE, cookie, httponly=True, samesite="strict", path="/")
         return response
@@ -214,7 +224,7 @@ class Page:
         """Answers a request that the service carries out at once."""
         visitor, what = self._visitor(request), request.path_params["what"]
         if visitor is None:
-            return refused(_NO_TOKEN, 403)
+            return refused(self._no_token, 403)
         if what not in REQUESTS:
             return refused("there is no such request", 404)
         return await _done(self._parts.asking.ask, what, visitor.name)
@@ -222,7 +232,7 @@ class Page:
     async def _recalibration(self, request: Request) -> Response:
         """Answers every request that changes something of a scan."""
         if self._visitor(request) is None:
-            return refused(_NO_TOKEN, 403)
+            return refused(self._no_token, 403)
         act = ACTS.get(request.path_params["what"])
         if act is None:
             return refused("there is no such request", 404)

@@ -23,6 +23,7 @@ from probewatch.tools.shared.called_host import called
 from tests.support.answering import Answering
 from tests.support.polling import until
 from tests.support.web_page import WebPage
+from tests.tools.page.test_german import says_german
 
 
 @pytest.fixture(scope="module")
@@ -99,6 +100,18 @@ def test_the_page_is_its_own_files_and_may_run_nothing_else(web: WebPage) -> Non
         assert "style=" not in text
         foreign = [word for word in text.split() if "http://" in word or "https://" in word]
         assert all("www.w3.org" in word for word in foreign), f"{path} loads from elsewhere: {foreign}"
+
+
+@pytest.mark.parametrize("path", ["/", "/recalibrate"])
+def test_the_page_names_the_door_of_its_own_at_which_a_token_is_asked_for(web: WebPage, path: str) -> None:
+    """It named the package's, whose page is another, or none."""
+    command = f"probewatch page --token --door {web.door}"
+    assert f"<code>{command}</code>" in asked(web, "GET", path).body.decode()
+    wanted = asked(web, "POST", "/request/acknowledge", {}).json["error"]
+    wrong = asked(web, "POST", "/token", {"token": "x"}).json["error"]
+    assert wanted == f"a token is needed: {command} gives one"
+    assert wrong == f"the token is wrong, was used, or is too old: {command} gives another"
+    assert all(says_german(text) for text in (wanted, wrong))
 
 
 @pytest.mark.parametrize(
