@@ -35,6 +35,8 @@ from probewatch.tools.shared.unit_sight import unseen_mistakes
 _ANY_SIZE_PX = (640, 480)
 """(width, height), stands for the size of pictures that are not there; no other finding depends on it."""
 
+_UNDATED = 'it has no date, so [calibration] overdue = "expires" opens nothing. Give due_days there too'
+
 
 @click.command()
 @file_argument
@@ -93,7 +95,7 @@ def _on_depth(config: Config) -> Iterator[str]:
 
 
 def _on_dates(config: Config) -> Iterator[str]:
-    """Yields which date of the calibration has passed, and the effect of that."""
+    """Yields which date of the calibration has passed, and the effect of that, or that there is none to pass."""
     place, language = config.calibration, config.alarm.language
     if place.file is None:
         return
@@ -101,6 +103,8 @@ def _on_dates(config: Config) -> Iterator[str]:
     if why := dates.overdue(now):
         opens = place.overdue == "expires" and dates.expired(now)
         yield f"{place.file}: {recognised(f'{why}; the contact stays open' if opens else why, language)}"
+    elif place.overdue == "expires" and {dates.due, dates.expires, place.due_days} == {None}:
+        yield f"{place.file}: {told(_UNDATED, language)}"
 
 
 def _is_adapted(file: Path) -> bool:

@@ -15,6 +15,9 @@ GERMAN_OF_SETUP = {
     "but the service waits until it says configured = true": (
         "aber der Dienst wartet, bis darin configured = true steht"
     ),
+    'it has no date, so [calibration] overdue = "expires" opens nothing. Give due_days there too': (
+        'sie hat kein Datum, [calibration] overdue = "expires" öffnet also nie. Dort auch due_days angeben'
+    ),
     "profile {profile}": "Profil {profile}",
     "given in the file": "in der Datei angegeben",
     "given in the file, as profile {profile} has it": "in der Datei angegeben, wie Profil {profile} sie hat",

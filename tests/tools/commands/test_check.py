@@ -250,3 +250,13 @@ def test_it_tells_which_date_of_the_calibration_has_passed(folder: Path, overdue
     result = check(written(folder, GOOD.replace("[calibration]", f'[calibration]\noverdue = "{overdue}"')))
     assert result.exit_code == 0
     assert result.stderr == f"{folder}/probe.toml: it is due since 2020-01-02 00:00 UTC{said}\n"
+
+
+@pytest.mark.parametrize(("keys", "said"), [("", True), ("due_days = 30\n", False)])
+def test_it_remarks_on_a_calibration_that_is_to_expire_and_has_no_date(folder: Path, keys: str, said: bool) -> None:
+    """The contact would stay closed for good, and nothing said so."""
+    expires = f'[calibration]\n{keys}overdue = "expires"'
+    result = check(written(folder, GOOD.replace("[calibration]", expires)))
+    assert result.exit_code == 0
+    assert ("it has no date, so [calibration] overdue" in result.stderr) is said
+    assert ("Give due_days there too" in result.stderr) is said
