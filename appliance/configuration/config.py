@@ -3,15 +3,20 @@
 import hashlib
 from math import isfinite
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PrivateAttr, ValidationError, model_validator
-from pydantic_core import PydanticCustomError
 
+from probewatch.appliance.configuration.across import (
+    refuse_by_hand,
+    refuse_shared_port,
+    refuse_unbounded_ages,
+    refused,
+)
 from probewatch.appliance.configuration.mistakes import Mistakes
 from probewatch.appliance.configuration.noise_file import LearnedNoise, judged_by, read_noise
 from probewatch.appliance.configuration.toml_lines import key_lines, line_of
-from probewatch.appliance.limits import MAX_VERIFICATION_AGE_S, NAMED_NATS, TRACKER_STALE_MS, Limits, check_name
+from probewatch.appliance.limits import MAX_VERIFICATION_AGE_S, NAMED_NATS, TRACKER_STALE_MS, Limits
 from probewatch.appliance.supervision.annunciator import Role
 from probewatch.appliance.supervision.device_health import Timeouts
 from probewatch.appliance.supervision.policy import BEHIND_NS, Durations
@@ -29,10 +34,6 @@ _LONGEST_SOCKET_BYTES = 100
 """Bytes. The kernel takes 107."""
 
 
-def _refused(what: str) -> PydanticCustomError:
-    return PydanticCustomError("refused", "{what}", {"what": what})
-
-
 def _url(kind: str) -> AfterValidator:
     """Returns a validator that raises what pydantic collects for a URL that can never be opened as this kind."""
 
@@ -41,7 +42,7 @@ def _url(kind: str) -> AfterValidator:
         try:
             return checked_url(url, kind)
         except ConfigurationError as error:
-            raise _refused(error.advice) from None
+            raise refused(error.advice) from None
 
     return AfterValidator(check)
 
@@ -50,15 +51,15 @@ def _watched(outputs: "tuple[Output, ...]") -> "tuple[Output, ...]":
     urls = [output.url for output in outputs]
     doubled = next((url for url in urls if urls.count(url) > 1), None)
     if doubled is not None:
-        raise _refused(f"two outputs share one contact, url = '{doubled}'. Give each its own channel or line")
+        raise refused(f"two outputs share one contact, url = '{doubled}'. Give each its own channel or line")
     if all(output.signal is not Role.CONTACT for output in outputs):
-        raise _refused("no output has signal = 'contact'. Without one nobody hears of a fault; add it")
+        raise refused("no output has signal = 'contact'. Without one nobody hears of a fault; add it")
     return outputs
 
 
 def _bindable(socket: Path) -> Path:
     if len(str(socket).encode(errors="surrogateescape")) > _LONGEST_SOCKET_BYTES:
-        raise _refused("the path is longer than 100 bytes. Choose a shorter path, such as in /run")
+        raise refused("the path is longer than 100 bytes. Choose a shorter path, such as in /run")
     return socket
 
 
@@ -71,7 +72,7 @@ class _Section(BaseModel):
 
 def _refuse_controls(value: str | Path) -> str | Path:
     if not str(value).isprintable():
-        raise _refused("a control character is in it, such as a NUL or a line break. Type it again")
+        raise refused("a control character is in it, such as a NUL or a line break. Type it again")
     return value
 
 
@@ -221,29 +222,6 @@ class Log(_Section):
     level: Literal["debug", "info", "warning", "error"] = "info"
 
 
-def _bounded_ages(config: "Config") -> "Config":
-    """Refuses an age, or a rest, longer than the supervisor grants to any parameter; a default gives way."""
-    most_s = config.supervisor.max_verification_age_s
-    limits, required = config.limits, config.limits.required_age_s
-    stated = {check_name(field) for field in required.model_fields_set}
-    ages_s = {f"[limits.required_age_s] {name}": age_s for name, age_s in required.ages_s.items() if name in stated}
-    if "at_rest_s" in limits.model_fields_set:
-        ages_s["[limits] at_rest_s"] = limits.at_rest_s
-    for key, age_s in ages_s.items():
-        if age_s is not None and age_s > most_s:
-            what = f"{key} = {age_s:g} is longer than [supervisor] max_verification_age_s"
-            raise _refused(f"{what} = {most_s:g}, which bounds them all. Raise that one, or shorten this")
-    return config
-
-
-def _not_by_hand(config: "Config") -> "Config":
-    if "named_nats" in config.limits.model_fields_set:
-        raise _refused(
-            "[limits] named_nats is not set by hand. Learn it, probewatch noise, and name the file in [noise]"
-        )
-    return config
-
-
 class Config(_Section):
     """Holds the whole file. configured: False until a person has adapted it. output holds one or more alarm outputs."""
 
@@ -263,8 +241,13 @@ class Config(_Section):
 
     _sha256: str = PrivateAttr(default="")
     _learned: LearnedNoise | None = PrivateAttr(default=None)
-    _check_ages = model_validator(mode="after")(_bounded_ages)
-    _check_noise = model_validator(mode="after")(_not_by_hand)
+
+    @model_validator(mode="after")
+    def _check_across(self) -> Self:
+        refuse_shared_port(self.tracker.url, [output.url for output in self.output])
+        refuse_unbounded_ages(self.limits, self.supervisor.max_verification_age_s)
+        refuse_by_hand(self.limits)
+        return self
 
     @property
     def learned_noise(self) -> LearnedNoise | None:
@@ -323,11 +306,20 @@ def config_of(text: str, path: Path) -> Config:
     file = config.calibration.file
     place = config.calibration.model_copy(update={"file": None if file is None else path.parent / file})
     if config.feed_socket == config.control.socket:
-        where = f"[feed] socket = '{config.feed.socket}'"
-        raise ConfigurationError("is the control socket", where, "Choose another path; the usual one is beside it")
+        raise _one_socket(config, text, path)
     alarm = config.alarm.model_copy(update={"folder": path.parent / config.alarm.folder})
     recorder = config.recorder.model_copy(update={"folder": path.parent / config.recorder.folder})
     return config.model_copy(update={"calibration": place, "alarm": alarm, "recorder": recorder})
+
+
+def _one_socket(config: Config, text: str, path: Path) -> Mistakes:
+    """Returns the mistake of a control socket and a feed at one path, which the file may name or not."""
+    section, what = (
+        ("feed", "is the control socket") if config.feed.socket else ("control", "is the socket of the feed")
+    )
+    line = line_of((section, "socket"), key_lines(text))
+    told = f"[{section}] socket = '{config.control.socket}': {what}. Choose another path"
+    return Mistakes(path, [(line, told)], f"Mend it; {_EXAMPLE}")
 
 
 def _with_noise(config: Config, file: Path, text: str, path: Path) -> Config:

@@ -48,7 +48,7 @@ class Mistakes(ConfigurationError):  # noqa: N818  as people call them
         """
         lines = key_lines(text)
         items = _without_consequences(error.errors(include_url=False)[:_MOST], model)
-        each = [(line_of(item["loc"], lines), _described(item, model)) for item in items]
+        each = [(line_of(_place(item), lines), _described(item, model)) for item in items]
         return cls(path, sorted(each, key=lambda one: one[0] or 0), remedy)
 
     def in_one_line(self, of_line: str, of_rest: str, told: Callable[[str], str] = str) -> str:
@@ -81,6 +81,12 @@ def _without_consequences(items: list[ErrorDetails], model: type[BaseModel]) -> 
 
 def _lies_in(place: Place, around: Place) -> bool:
     return len(place) > len(around) and place[: len(around)] == around
+
+
+def _place(item: ErrorDetails) -> Place:
+    """Returns the place of the key; a mistake across two sections has it in its context alone."""
+    place: Place = item.get("ctx", {}).get("place", ())
+    return place or item["loc"]
 
 
 def _described(item: ErrorDetails, model: type[BaseModel]) -> str:

@@ -5,10 +5,12 @@ import sys
 from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime
 from itertools import chain
+from os.path import realpath
 from pathlib import Path
 
 import click
 
+from probewatch.appliance.configuration.across import named_urls, shared_port
 from probewatch.appliance.configuration.config import (
     CalibrationPlace,
     Config,
@@ -17,6 +19,7 @@ from probewatch.appliance.configuration.config import (
     is_configured,
 )
 from probewatch.appliance.configuration.mistakes import Mistakes
+from probewatch.appliance.configuration.toml_lines import key_lines, line_of
 from probewatch.appliance.service.host.unix_socket import NO_GROUP, make_group
 from probewatch.appliance.storage.calibration_file import calibration_bytes, is_device_set
 from probewatch.appliance.storage.device_set import remarks
@@ -131,7 +134,11 @@ def mistakes_in(text: str, file: Path, language: str = "en") -> list[str]:
     except ConfigurationError as error:
         return rows(error, language)
     own = (*_options(config, file, language), *_group(config, file, language), *unseen_mistakes(config, file, language))
-    return [*own, *calibration_mistakes(config.calibration, language, config.simulated)]
+    return [
+        *own,
+        *_ports(config, text, file, language),
+        *calibration_mistakes(config.calibration, language, config.simulated),
+    ]
 
 
 def rows(error: ConfigurationError, language: str) -> list[str]:
@@ -152,6 +159,14 @@ def _options(config: Config, file: Path, language: str) -> Iterator[str]:
         except ConfigurationError as error:
             tell_refused(error, language)
             yield f"{file}: {section} url = '{url}': {error.advice}"
+
+
+def _ports(config: Config, text: str, file: Path, language: str) -> Iterator[str]:
+    """Yields the mistake of two devices at one serial port that the configuration names in two ways."""
+    found = shared_port(named_urls(config.tracker.url, [output.url for output in config.output]), realpath)
+    if found is not None:
+        line = line_of(found[0].place, key_lines(text))
+        yield f"{file}:{line}: {mistake_text(found[1], language)}"
 
 
 def _group(config: Config, file: Path, language: str) -> Iterator[str]:

@@ -45,6 +45,9 @@ GERMAN_OF_MISTAKES = {
     "two outputs share one contact, url = '{url}'. Give each its own channel or line": (
         "zwei Ausgänge teilen einen Kontakt, url = '{url}'. Jedem seinen Kanal oder seine Leitung geben"
     ),
+    "{key} = {value} is on the serial port of {other} = {quoted}. Give each its own port": (
+        "{key} = {value} liegt an der seriellen Schnittstelle von {other} = {quoted}. Jedem seine eigene geben"
+    ),
     "no output has signal = 'contact'. Without one nobody hears of a fault; add it": (
         "kein Ausgang hat signal = 'contact'. Ohne ihn erfährt niemand von einem Fehler; ihn hinzufügen"
     ),
@@ -59,6 +62,8 @@ GERMAN_OF_MISTAKES = {
         "{key} = {value} ist länger als [supervisor] max_verification_age_s = {most}, das alle begrenzt. Jenes "
         "erhöhen, oder dies kürzen"
     ),
+    "is the control socket. Choose another path": "ist der Steuersocket. Einen anderen Pfad wählen",
+    "is the socket of the feed. Choose another path": "ist der Socket des Feeds. Einen anderen Pfad wählen",
     "[limits] named_nats is not set by hand. Learn it, probewatch noise, and name the file in [noise]": (
         "[limits] named_nats wird nicht von Hand gesetzt. Lernen (probewatch noise), und die Datei in [noise] nennen"
     ),

@@ -115,8 +115,10 @@ def test_the_supervisors_bound_shortens_every_default_and_refuses_what_is_stated
     text = GOOD + "[supervisor]\nmax_verification_age_s = 20\n"
     assert {*load_config(written(tmp_path, text)).required_ages_ns.values()} == {20 * 10**9}
     message = refusal(tmp_path, text + "[limits.required_age_s]\noffset-axial = 21\n")
+    assert "line 13: [limits.required_age_s] offset-axial = 21" in message, "of two sections it had no line"
     assert "offset-axial = 21 is longer than [supervisor] max_verification_age_s = 20" in message
     message = refusal(tmp_path, text + "[limits]\nat_rest_s = 21\n")
+    assert "line 13: [limits] at_rest_s" in message
     assert "[limits] at_rest_s = 21 is longer than [supervisor] max_verification_age_s = 20" in message
 
 
@@ -287,6 +289,40 @@ def test_every_mistake_is_told_in_the_order_of_the_file(tmp_path: Path) -> None:
         load_config(written(tmp_path, text))
     assert [line for line, _ in caught.value.each] == [3, 11, 12, 14]
     assert all(row.startswith(f"{tmp_path}/probewatch.toml:") for row in caught.value.rows())
+
+
+def test_a_threshold_set_by_hand_and_a_feed_at_the_control_socket_are_told_with_their_lines(tmp_path: Path) -> None:
+    assert "line 11: [limits] named_nats is not" in refusal(tmp_path, GOOD + "[limits]\nnamed_nats = 30.0\n")
+    sockets = '[control]\nsocket = "/run/x/control"\n[feed]\nsocket = "/run/x/control"\n'
+    assert "line 13: [feed] socket = '/run/x/control': is the control" in refusal(tmp_path, GOOD + sockets)
+    beside = '[control]\nsocket = "/run/x/feed"\n'
+    assert "line 11: [control] socket = '/run/x/feed': is the socket of" in refusal(tmp_path, GOOD + beside)
+
+
+@pytest.mark.parametrize(
+    ("good", "bad", "key", "other"),
+    [
+        ("ttyUSB1", "ttyUSB0", "[output] entry 1 url = 'relay:/dev/ttyUSB0'", "[tracker] url = 'ndi:/dev/ttyUSB0'"),
+        ("ttyUSB1", "./ttyUSB0?channel=2", "[output] entry 1 url", "[tracker] url"),
+        (
+            '"relay:/dev/ttyUSB1"',
+            '"relay:/dev/ttyUSB1"\n[[output]]\nsignal = "red"\nurl = "serialpin:/dev/ttyUSB1"',
+            "[output] entry 2 url = 'serialpin:/dev/ttyUSB1'",
+            "[output] entry 1 url = 'relay:/dev/ttyUSB1'",
+        ),
+    ],
+)
+def test_two_devices_at_one_serial_port_are_refused_by_their_keys(
+    tmp_path: Path, good: str, bad: str, key: str, other: str
+) -> None:
+    message = refusal(tmp_path, GOOD.replace(good, bad))
+    assert re.search(rf"line \d+: {re.escape(key)}.* is on the serial port of {re.escape(other)}", message), message
+
+
+def test_channels_of_a_relay_board_and_a_network_tracker_share_no_port(tmp_path: Path) -> None:
+    lamp = '[[output]]\nsignal = "red"\nurl = "relay:/dev/ttyUSB1?channel=2"\n[calibration]'
+    text = GOOD.replace("[calibration]", lamp).replace("/dev/ttyUSB0", "192.168.1.9:8765")
+    assert len(load_config(written(tmp_path, text)).output) == 2
 
 
 def test_lines_of_keys() -> None:

@@ -53,6 +53,18 @@ def test_of_a_german_cart_it_tells_in_german_what_is_in_force(folder: Path) -> N
     assert result.stderr == "[limits] offset_mm ist weiter als in Profil clinical: OK sagt weniger als dieser Name\n"
 
 
+@pytest.mark.parametrize("language", ["en", "de"])
+def test_two_devices_at_one_serial_port_of_two_names_are_refused(folder: Path, language: str) -> None:
+    (folder / "by-id").symlink_to("/dev/ttyUSB0")
+    text = GOOD.replace("/dev/ttyUSB1", str(folder / "by-id")) + f'[alarm]\nlanguage = "{language}"\n'
+    result = check(file := written(folder, text))
+    assert result.exit_code == 78
+    keys = f"[output] entry 1 url = 'relay:{folder}/by-id'", "[tracker] url = 'ndi:/dev/ttyUSB0'"
+    assert result.stderr.startswith(f"{file}:7: {keys[0]}")
+    assert keys[1] in result.stderr
+    assert ("serial port" in result.stderr) is (language == "en")
+
+
 def test_of_a_cart_that_names_no_calibration_it_tells_which_reference_stays_in_force(tmp_path: Path) -> None:
     config = configuration(tmp_path)
     file = tmp_path / "probewatch.toml"
