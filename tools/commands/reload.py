@@ -24,6 +24,7 @@ def command(control_socket: Path) -> None:
 
     \b
     Exit code 0: taken. 69: no service answers. 75: refused; stderr says why.
+    78: the service is not configured, or cannot use its configuration.
     """
     with ControlClient(control_socket) as client:
         client.reload()

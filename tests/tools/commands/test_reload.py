@@ -54,5 +54,14 @@ def test_without_a_service_nothing_was_reloaded(tmp_path: Path) -> None:
     assert (code, str(tmp_path / "control") in said) == (69, True), said
 
 
+def test_its_help_names_every_exit_code_that_it_ends_with(tmp_path: Path) -> None:
+    """It ended with 78 and did not list it."""
+    broken = tmp_path / "cart.toml"
+    broken.write_text("[control\n")
+    assert answered("reload", "--config", broken).returncode == 78
+    told = answered("reload", "--help").stdout
+    assert [code for code in ("0:", "69:", "75:", "78:") if code not in told] == []
+
+
 def test_the_unit_reloads_by_it() -> None:
     assert "ExecReload=/usr/bin/env probewatch reload\n" in UNIT.read_text()
