@@ -1,5 +1,6 @@
 """`probewatch export`: converts a black box for other programs."""
 
+import sys
 from pathlib import Path
 
 import click
@@ -30,41 +31,53 @@ def command(recordings: tuple[Path, ...], form: str | None, output: Path | None)
       probewatch export kept/*-a1b2c3d4-*.mcap --to mp4 --output alarm.mp4
 
     Pictures are written as they were recorded: text is black only where the recorder has blackened it.
+
+    Exit code 0: written. 65: written, but a recording is damaged and what it still holds is in the new file; or nothing
+    was, as they cannot be used; stderr says which. 78: the new file exists already, or cannot be written.
     """
     form = form or _form_of(output)
     ending = form if form.startswith(".") else f".{form}"
     if output is not None and not output.name.endswith(ending):
         raise click.UsageError(f"--output {output.name} does not end in {ending}")
     check_new(output)
+    series, refused = _series(recordings)
+    path = output
+    if path is None:
+        path = Path(f"{series.boxes[0].path.stem}{ending}")
+        check_new(path)
+    for lacking in missing_parts(series):
+        click.secho(lacking, err=True, fg="yellow")
+    number, left_out = export(series, form, path)
+    if damage := series.damage_text:
+        click.secho(f"damaged: {damage}", err=True, fg="yellow")
+    if left_out:
+        click.secho(f"left out: {left_out} pictures of another size than the first", err=True, fg="yellow")
+    click.echo(f"written: {path}, {number} {'poses' if form == 'csv' else 'pictures'}")
+    if damage or refused:
+        sys.exit(RecordingError.exit_code)
+
+
+def _series(recordings: tuple[Path, ...]) -> tuple[Series, list[str]]:
+    """Returns the one run that they hold, and what is wrong with files that are left out. Raises RecordingError."""
     for recording in recordings:
         if not is_there(recording):
             raise RecordingError("is not there", str(recording), "Name a file that probewatch record has written")
     boxes, refused = found(recordings, BOXES)
     for what in refused:
         click.secho(what, err=True, fg="yellow")
-    series = [one for one in boxes if isinstance(one, Series)]
-    if len(series) != 1 or len(boxes) != 1:
+    kept = [one for one in boxes if isinstance(one, Series)]
+    if len(kept) != 1 or len(boxes) != 1:
         what = "are several recordings" if len(boxes) > 1 else "is not a black box"
         raise RecordingError(what, str(recordings[0]), "Name the .mcap files of one run of the recorder")
-    path = output
-    if path is None:
-        path = Path(f"{series[0].boxes[0].path.stem}{ending}")
-        check_new(path)
-    for lacking in missing_parts(series[0]):
-        click.secho(lacking, err=True, fg="yellow")
-    number, left_out = export(series[0], form, path)
-    if damage := series[0].damage_text:
-        click.secho(f"damaged: {damage}", err=True, fg="yellow")
-    if left_out:
-        click.secho(f"left out: {left_out} pictures of another size than the first", err=True, fg="yellow")
-    click.echo(f"written: {path}, {number} {'poses' if form == 'csv' else 'pictures'}")
+    return kept[0], refused
 
 
 def _form_of(output: Path | None) -> str:
     """Returns the form that the suffix of the new file names. Raises click.UsageError where it names none."""
-    named = (
-        None if output is None else next((one for one in FORMS if output.name.endswith(f".{one.lstrip('.')}")), None)
-    )
-    if named is None:
+    if output is None:
         raise click.UsageError(f"Missing option '--to'. Choose from: {', '.join(FORMS)}")
+    endings = {f".{one.lstrip('.')}": one for one in FORMS}
+    named = next((form for ending, form in endings.items() if output.name.endswith(ending)), None)
+    if named is None:
+        raise click.UsageError(f"--output {output.name} has no known ending. Use one of {', '.join(endings)}")
     return named

@@ -122,6 +122,7 @@ GERMAN_OF_USAGE = {
         "{file} ist keine Aufzeichnung; --json gibt den Bericht aus: --json > {other}"
     ),
     "--output {name} does not end in {ending}": "--output {name} endet nicht auf {ending}",
+    "--output {name} has no known ending. Use one of {names}": "--output {name} hat keine bekannte Endung: {names}",
     # studies
     "{value} is none of {names}": "{value} ist keines von {names}",
     "{value} is not a list of .001 to 5 mm, such as {example}": (

@@ -210,6 +210,23 @@ def test_pictures_of_another_size_are_left_out_with_a_word(tmp_path: Path, form:
 def test_the_form_is_what_the_new_files_name_says(box: Path, tmp_path: Path, name: str) -> None:
     result = CliRunner().invoke(command, [str(box), "--output", str(tmp_path / name)])
     assert (result.exit_code, (tmp_path / name).exists()) == (0, True), result.output
-    for words in ([], ["--output", str(tmp_path / "scan.avi")]):
+    for words, why in (
+        ([], "Missing option '--to'. Choose from: "),
+        (
+            ["--output", str(tmp_path / "scan.avi")],
+            "scan.avi has no known ending. Use one of .igs.mha, .igs.nrrd, .csv, ",
+        ),
+    ):
         refused = CliRunner().invoke(command, [str(box), *words])
-        assert (refused.exit_code, "Missing option '--to'. Choose from: " in refused.output) == (2, True)
+        assert (refused.exit_code, why in " ".join(refused.output.split())) == (2, True), refused.output
+
+
+@pytest.mark.parametrize("form", ["csv", ".igs.mha"])
+def test_a_cut_recording_is_written_and_ends_as_damaged(box: Path, tmp_path: Path, form: str) -> None:
+    """It ended with 0, unlike `report` and `trend`."""
+    cut, out = tmp_path / "cut.mcap", tmp_path / f"cut.{form.lstrip('.')}"
+    cut.write_bytes(box.read_bytes()[:-400])
+    result = CliRunner().invoke(command, [str(cut), "--to", form, "--output", str(out)])
+    assert (result.exit_code, out.exists()) == (65, True), result.output
+    assert "damaged: cut.mcap" in result.stderr
+    assert "65: written, but" in CliRunner().invoke(command, ["--help"]).output
