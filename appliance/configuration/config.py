@@ -1,5 +1,6 @@
 """Reads the configuration file: once, whole, and refused by line, key, value and bound where it cannot be intended."""
 
+import errno
 import hashlib
 from math import isfinite
 from pathlib import Path
@@ -377,6 +378,8 @@ def configuration_text(path: Path) -> str:
         what = f"cannot be read ({error.strerror})"
         is_folder = isinstance(error, IsADirectoryError)
         remedy = "Name the file in it" if is_folder else "Check the path's permissions"
+        if error.errno in (errno.EINVAL, errno.EFBIG):  # a device, a pipe, or far too long
+            remedy = "Name the cart's configuration, a TOML file"
         if isinstance(error, FileNotFoundError):
             remedy = f"Correct its name, or write it: probewatch configure {path}"
         raise ConfigurationError(what, str(path), remedy) from None

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 
+from probewatch.drivers.errors import ConfigurationError
 from probewatch.drivers.files.atomic_file import check_kind, check_replaceable, replacing
 from probewatch.tools.monitoring.endpoint import Endpoint
 from probewatch.tools.monitoring.reading import Exposition
@@ -83,8 +84,9 @@ def command(
         sys.exit(69 if b"\nprobewatch_up 0.0\n" in text else 0)
     if no_http and textfile is None:
         raise click.UsageError("--no-http needs --textfile")
-    check_kind(textfile, "metrics", ".prom", ".txt")
+    check_kind(textfile, "metrics", ".prom")
     check_replaceable(textfile, _METRICS_BEGIN)
+    _refuse_unread(textfile)
     stop = termination()
     with ExitStack() as served:
         if not no_http:
@@ -93,6 +95,13 @@ def command(
             click.echo(f"http://{endpoint_text(host, port)}/metrics")
         warn_if_absent(control_socket)
         _write_until(stop, textfile, every_s, exposition)
+
+
+def _refuse_unread(textfile: Path | None) -> None:
+    """Raises ConfigurationError for a name that node_exporter passes over."""
+    if textfile is not None and textfile.suffix != ".prom":
+        remedy = f"Name it {textfile.with_suffix('.prom').name}"
+        raise ConfigurationError("is never read: node_exporter reads files that end in .prom", str(textfile), remedy)
 
 
 def _write_until(stop: threading.Event, textfile: Path | None, every_s: float, exposition: Exposition) -> None:

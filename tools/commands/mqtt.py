@@ -6,7 +6,8 @@ from pathlib import Path
 
 import click
 
-from probewatch.tools.monitoring.mqtt import Publisher, broker_of
+from probewatch.tools.monitoring.broker import broker_of
+from probewatch.tools.monitoring.mqtt import Publisher
 from probewatch.tools.monitoring.reading import read_status
 from probewatch.tools.shared.absent_service import warn_if_absent
 from probewatch.tools.shared.named_cart import socket_option

@@ -128,6 +128,9 @@ GERMAN_OF_CONFIGURING = {
     "is not valid TOML: {text}": "ist kein gültiges TOML: {text}",
     "cannot be read ({said})": "nicht lesbar ({said})",
     "it is a folder, not a file": "es ist ein Ordner, keine Datei",
+    "it is a device, not a file": "es ist ein Gerät, keine Datei",
+    "it is a pipe (FIFO), not a file": "es ist eine Pipe (FIFO), keine Datei",
+    "Name the cart's configuration, a TOML file": "Die Konfiguration des Wagens nennen, eine TOML-Datei",
     "Name the file in it": "Die Datei darin nennen",
     "Check the path's permissions": "Die Rechte des Pfads prüfen",
     "Correct its name, or write it: probewatch configure {file}": (

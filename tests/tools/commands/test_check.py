@@ -1,5 +1,6 @@
 """`probewatch check`: every mistake of a configuration and its calibration, one line each, and nothing is started."""
 
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -252,6 +253,14 @@ def test_of_a_configuration_that_is_not_there_it_says_how_to_write_one(tmp_path:
 def test_a_folder_is_told_to_name_the_file_in_it(tmp_path: Path) -> None:
     """Its permissions were to be checked."""
     assert "it is a folder, not a file). Name the file in it" in str(check(tmp_path).exception)
+
+
+def test_of_a_device_or_a_pipe_it_says_that_it_is_no_configuration(tmp_path: Path) -> None:
+    """The permissions were to be checked."""
+    os.mkfifo(tmp_path / "cart.toml")
+    for file in (Path("/dev/zero"), tmp_path / "cart.toml"):
+        said = str(check(file).exception)
+        assert "not a file). Name the cart's configuration, a TOML file" in said, said
 
 
 @pytest.mark.parametrize(("overdue", "said"), [("advise", ""), ("expires", "; the contact stays open")])

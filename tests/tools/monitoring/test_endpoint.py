@@ -205,6 +205,15 @@ def test_once_writes_no_file_and_says_so(tmp_path: Path) -> None:
     assert ended.exit_code == 2
 
 
+@pytest.mark.parametrize("name", ["x.txt", "x", "x.prom.new"])
+def test_a_file_that_node_exporter_passes_over_is_refused(tmp_path: Path, name: str) -> None:
+    """It was written, and nobody saw why its values were missing."""
+    typed = ["metrics", "--no-http", "--textfile", str(tmp_path / name), "--socket", str(tmp_path / "nobody")]
+    refused = CliRunner().invoke(probewatch, typed)
+    assert isinstance(refused.exception, ConfigurationError), refused.output
+    assert refused.exception.remedy in ("Name it x.prom", "Name it x.prom.prom")
+
+
 def test_nothing_to_do_is_refused(tmp_path: Path) -> None:
     program = run("--no-http")
     assert "needs --textfile" in program.communicate(timeout=60)[1]

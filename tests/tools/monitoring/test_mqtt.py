@@ -17,7 +17,8 @@ from paho.mqtt.client import Client, MQTTMessage
 from paho.mqtt.enums import CallbackAPIVersion
 
 from probewatch.drivers.errors import ConfigurationError
-from probewatch.tools.monitoring.mqtt import Broker, Publisher, broker_of, message
+from probewatch.tools.monitoring.broker import Broker, broker_of
+from probewatch.tools.monitoring.mqtt import Publisher, message
 from tests.support.answering import Answering, recorded
 from tests.support.answers import answered
 from tests.support.demo_cart import PROBEWATCH
@@ -282,8 +283,12 @@ def test_a_password_is_neither_told_in_the_clear_nor_readable_by_all(tmp_path: P
     file.chmod(0o644)
     with pytest.raises(ConfigurationError, match="everybody may read"):
         broker_of("mqtts://broker.example", "me", file, None, None, None)
+    absent = tmp_path / "absent"
+    with pytest.raises(ConfigurationError, match=rf"^{absent}: cannot be read \(No such file or directory\)\. Check"):
+        broker_of("mqtts://broker.example", None, None, absent, None, None)
+    absent.write_text("no certificate")
     with pytest.raises(ConfigurationError, match="cannot be used"):
-        broker_of("mqtts://broker.example", None, None, tmp_path / "absent", None, None)
+        broker_of("mqtts://broker.example", None, None, absent, None, None)
 
 
 @pytest.mark.parametrize("status", [None, {}, {"energised": True}, recorded(outputs=None), recorded(lost=3)])

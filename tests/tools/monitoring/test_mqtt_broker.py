@@ -13,7 +13,8 @@ from typing import BinaryIO
 import pytest
 
 from probewatch.drivers.errors import ConfigurationError
-from probewatch.tools.monitoring.mqtt import Broker, Publisher, broker_of
+from probewatch.tools.monitoring.broker import Broker, broker_of
+from probewatch.tools.monitoring.mqtt import Publisher
 from tests.support.answering import recorded
 from tests.support.polling import until
 

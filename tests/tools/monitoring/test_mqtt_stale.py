@@ -11,7 +11,8 @@ from typing import Any
 
 import pytest
 
-from probewatch.tools.monitoring.mqtt import Broker, Publisher, message
+from probewatch.tools.monitoring.broker import Broker
+from probewatch.tools.monitoring.mqtt import Publisher, message
 from tests.support.answering import recorded
 from tests.support.polling import until
 from tests.tools.monitoring.test_mqtt import AVAILABLE, STATE, Mosquitto, Reader, needs_mosquitto
