@@ -188,6 +188,9 @@ GERMAN = {text: german for row in FAULT_ROWS.values() for text, german in row.tr
     "the chain is NOT whole: copy the folder for whoever looks into it, then probewatch ack": (
         "die Kette ist NICHT heil: den Ordner für die Klärung kopieren, dann probewatch ack"
     ),
+    "the chain is NOT whole: keep this folder as it is; probewatch ack is for the cart's own log": (
+        "die Kette ist NICHT heil: diesen Ordner lassen, wie er ist; probewatch ack gilt dem des Wagens"
+    ),
     "{number} entries written to {file}": "{number} Einträge nach {file} geschrieben",
     "latched": "gehalten",
     "by": "durch",

@@ -22,7 +22,7 @@ from probewatch.drivers.suggestion import did_you_mean, suggested
 from probewatch.tools.german.translation import damage_text, recognised, told
 from probewatch.tools.shared.alarm_history import settled_log
 from probewatch.tools.shared.calendar_option import MOMENT
-from probewatch.tools.shared.named_cart import cart_language, folder_argument
+from probewatch.tools.shared.named_cart import cart_language, folder_argument, is_own_log
 from probewatch.tools.shared.profile_text import logged_limits_text
 from probewatch.tools.shared.spoken import say, say_change
 
@@ -102,7 +102,7 @@ def command(
         else:
             _export(csv_path, shown)
             click.echo(say("written", language, number=len(shown), file=csv_path))
-    sys.exit(_verified(reading, language))
+    sys.exit(_verified(reading, language, is_own_log(folder)))
 
 
 def _refuse_contradictions(
@@ -383,8 +383,10 @@ def _cell(value: object) -> str:
     return f"'{text}" if text.startswith(_FORMULA) else text
 
 
-def _verified(reading: Reading, language: str) -> int:
-    """Prints whether the chain is intact, and its defects on stderr; returns the exit code."""
+def _verified(reading: Reading, language: str, own: bool) -> int:
+    """Prints whether the chain is intact, and its defects on stderr; returns the exit code. own: it is the log of the
+    command's cart.
+    """
     for damage in reading.damages:
         click.secho(damage_text(str(damage), language), err=True, fg="red" if damage.fault else "yellow")
     for entry in reading.entries[1:]:
@@ -393,7 +395,7 @@ def _verified(reading: Reading, language: str) -> int:
             begins = told("entry {number} begins a new chain: {found}", language, number=entry.number, found=found)
             click.secho(begins, err=True, fg="yellow")
     if reading.broken:
-        click.secho(say("broken", language), err=True, fg="red")
+        click.secho(say("broken" if own else "broken copy", language), err=True, fg="red")
         return 65
     click.echo(say("whole", language, number=len(reading.entries)), err=True)
     return 0

@@ -30,11 +30,14 @@ def command(config_file: Path) -> None:
     """
     config = load_config(config_file)
     unreached = [problem for output in config.output if (problem := _release(output.url))]
-    for problem in unreached:
-        click.echo(f"probewatch: {problem}", err=True)
-    if unreached and _is_served(config.control.socket):
+    served = bool(unreached) and _is_served(config.control.socket)
+    if served:
         what = f"a service runs at {config.control.socket} and holds its outputs: it opens them itself when it ends"
         click.echo(f"probewatch: {what}", err=True)
+    for problem in unreached:
+        if served:
+            problem.remedy = ""  # such as to close the program that holds it: that is the service
+        click.echo(f"probewatch: {problem}", err=True)
     if unreached:
         sys.exit(DeviceLost.exit_code)
 
@@ -47,11 +50,11 @@ def _is_served(socket: Path) -> bool:
     return True
 
 
-def _release(url: str) -> str:
-    """De-energises one output; returns the error, empty on success."""
+def _release(url: str) -> ProbewatchError | None:
+    """De-energises one output; returns the error, None on success."""
     try:
         with open_output(url, HostClock()) as output:
             output.write(False)
     except (DeviceLost, ConfigurationError) as error:
-        return str(error)
-    return ""
+        return error
+    return None

@@ -111,6 +111,11 @@ def cart_says(section: str, key: str) -> Path | None:
     return _said(click.get_current_context().meta.get(NAMED), section, key)
 
 
+def is_own_log(folder: Path) -> bool:
+    """Returns whether it is the alarm log of the command's cart; any other may be a copy, or that of another cart."""
+    return folder.resolve() == (cart_says("alarm", "folder") or LOG).resolve()
+
+
 def cart_language() -> str:
     """Returns the language that was chosen, else that of the command's cart by its configuration, English where that
     states none.

@@ -28,6 +28,7 @@ SPOKEN = {
     "no match": "none of the {number} entries matches",
     "whole": "{number} entries, the chain is whole",
     "broken": "the chain is NOT whole: copy the folder for whoever looks into it, then probewatch ack",
+    "broken copy": "the chain is NOT whole: keep this folder as it is; probewatch ack is for the cart's own log",
     "written": "{number} entries written to {file}",
     "latched": "latched",
     "by": "by",

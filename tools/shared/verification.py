@@ -42,7 +42,7 @@ def ask(question: str, yes: bool, language: str) -> None:
     """Returns once a person has agreed, now or before. Raises ControlRefused without a terminal."""
     if not yes and not sys.stdin.isatty():
         refusal = told("needs a person to accept it; nothing was changed", language)
-        raise ControlRefused(refusal, question, told("Give --yes to accept it", language))
+        raise ControlRefused(refusal, f"'{question}'", told("Give --yes to accept it", language))
     if not yes and not confirmed(question, language):
         raise click.Abort
 

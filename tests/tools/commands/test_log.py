@@ -152,6 +152,18 @@ def test_damage_is_said_and_is_exit_65(folder: Path) -> None:
     assert "NOT whole" in result.stderr
 
 
+def test_of_a_folder_that_is_not_the_carts_it_does_not_ask_to_acknowledge_here(folder: Path, tmp_path: Path) -> None:
+    """`ack` changes the log of the cart that this command belongs to, and no copy."""
+    file = segments(folder)[0]
+    file.write_bytes(file.read_bytes().replace(b"anna", b"otto"))
+    cart = tmp_path / "cart.toml"
+    cart.write_text(f'[alarm]\nfolder = "{folder}"\n')
+    own = CliRunner().invoke(command, ["--config", str(cart), "--verify"])
+    assert "then probewatch ack" in own.stderr
+    copied = asked(folder, "--verify")
+    assert (copied.exit_code, "probewatch ack is for the cart's own" in copied.stderr) == (65, True)
+
+
 @pytest.mark.parametrize(
     ("line", "said"), [(b"\xff\xfe\n", "it is not UTF-8 text"), (b'{"number": \n', "it is not JSON, or a part of it")]
 )

@@ -68,6 +68,10 @@ def test_what_a_running_service_holds_is_left_to_it_and_that_is_told(tmp_path: P
     with Answering(tmp_path / "control"):
         released = answered("release", "--config", config)
     assert (released.returncode, said in released.stderr) == (69, True), released
+    first, second = released.stderr.splitlines()
+    assert said in first, "it came after the remedy to close the program that holds the port"
+    assert "/dev/no-such" in second
+    assert "Plug the cable in" not in second
 
 
 def test_an_unconfigured_service_is_alive_not_verified_and_says_why(tmp_path: Path) -> None:

@@ -75,11 +75,11 @@ def test_a_wait_in_vain_names_the_motion_and_the_way_back(tmp_path: Path, langua
 
 
 def test_a_question_that_nobody_can_answer_is_refused_in_one_language() -> None:
-    """It was a German question with an English reason."""
+    """It was a German question with an English reason, and the question ran into it."""
     with pytest.raises(ControlRefused) as refused:
         ask("Das annehmen?", False, "de")
     assert str(refused.value) == (
-        "Das annehmen?: das muss ein Mensch annehmen; nichts wurde geändert. Mit --yes annehmen"
+        "'Das annehmen?': das muss ein Mensch annehmen; nichts wurde geändert. Mit --yes annehmen"
     )
 
 
