@@ -384,9 +384,7 @@ def _cell(value: object) -> str:
 
 
 def _verified(reading: Reading, language: str, own: bool) -> int:
-    """Prints whether the chain is intact, and its defects on stderr; returns the exit code. own: it is the log of the
-    command's cart.
-    """
+    """Prints whether the chain is intact, defects on stderr; returns the exit code. own: it is this cart's log."""
     for damage in reading.damages:
         click.secho(damage_text(str(damage), language), err=True, fg="red" if damage.fault else "yellow")
     for entry in reading.entries[1:]:
