@@ -267,6 +267,8 @@ more only make the median smoother, by 1 % or so, and cost time.
 """
 POINT_LEVELS = (0.95, 0.997)
 """Shares of what is left open for which the two bounds of a point hold: two and three sigmas, as people are used to."""
+POINT_WITHHELD = "error of a point"
+"""Begins the reason of a verdict from which the limit of the error of a point alone withholds the OK."""
 
 
 @dataclass(frozen=True, slots=True)

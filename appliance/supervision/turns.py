@@ -1,6 +1,6 @@
 """Decides which steps of the supervisor begin an entry of a timeline. Pure."""
 
-from probewatch.appliance.core.quality.judgement import withheld_by_point
+from probewatch.appliance.types import POINT_WITHHELD
 
 
 class Turns:
@@ -17,7 +17,7 @@ class Turns:
         limit.
         """
         changed = (state, fault) != self._last
-        limited = withheld_by_point(reason)
+        limited = reason.startswith(POINT_WITHHELD)
         new = changed or (limited and not self._limited)
         self._last, self._limited = (state, fault), limited or (self._limited and not changed)
         return new

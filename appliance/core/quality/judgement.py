@@ -8,7 +8,17 @@ from probewatch.appliance.core.path.residual import Lack
 from probewatch.appliance.core.quality.check_fields import up_to
 from probewatch.appliance.core.quality.gesture import gestures
 from probewatch.appliance.core.quality.verification import Contradiction, VerificationStatus
-from probewatch.appliance.types import PARAMETERS, Check, Fault, Kind, PointError, Rival, Verdict, VerdictKind
+from probewatch.appliance.types import (
+    PARAMETERS,
+    POINT_WITHHELD,
+    Check,
+    Fault,
+    Kind,
+    PointError,
+    Rival,
+    Verdict,
+    VerdictKind,
+)
 
 _ESTIMATED = frozenset({"polarity", "latency", *PARAMETERS})
 _NEAR = 0.8
@@ -33,7 +43,6 @@ decided; and what mends by itself and must not hide what waits for a person."""
 BROKE = "the picture does not continue the one that was verified"
 """The reason after the probe was lifted off or a setting of the scanner was changed; no detector names which it was."""
 _NOT_YET = "not shown yet"
-_POINT = "error of a point"
 _LACKS = {
     "depth_mm": "picture too shallow: {value:.0f} mm, over tissue that may give way {least:.0f} mm needed",
     "tissue_mm2": "too little tissue in the picture: {value:.0f} mm², where it may give way {least:.0f} mm² needed",
@@ -84,16 +93,11 @@ def bounded(verdict: Verdict, point: PointError | None, limit_mm: float | None) 
         shown_ns = None if verdict.verified_ns is None else min(verdict.verified_ns, point.shown_ns)
         return replace(verdict, verified_ns=shown_ns)
     error = "not known" if point is None else f"{up_to(point.worst_mm[-1])} mm"
-    reasons = [f"{_POINT} {error}, limit {limit_mm:g} mm"]
+    reasons = [f"{POINT_WITHHELD} {error}, limit {limit_mm:g} mm"]
     if verdict.kind is not VerdictKind.OK:
         reasons = [verdict.reason, *(reasons if point is not None else [])]
     kind, reason = VerdictKind.NOT_VERIFIED, "; ".join(reasons)
     return replace(verdict, kind=kind, reason=reason, verified_ns=None, expires_ns=None)
-
-
-def withheld_by_point(reason: str) -> bool:
-    """Returns whether the limit of the error of a point alone withholds the OK, by the reason of a verdict."""
-    return reason.startswith(_POINT)
 
 
 class Judgement:

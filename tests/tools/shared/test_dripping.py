@@ -111,7 +111,7 @@ def test_a_message_of_the_feed_that_drips_is_waited_for_as_long_as_was_said_and_
 def test_a_client_that_drips_keeps_nobody_from_the_recorder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(run, "_ANSWER_S", 1.0)
     place, ended = tmp_path / "control", threading.Event()
-    devices = 'video.url = "sim:/tmp/no"\ntracker.url = "ndi:/tmp/no"\noutput = [{ url = "relay:/tmp/no" }]\n'
+    devices = 'video.url = "sim:/tmp/no"\ntracker.url = "ndi:/tmp/no"\noutput = [{ url = "relay:/tmp/none" }]\n'
     own = f'recorder = {{ folder = "{tmp_path}/black", socket = "{place}" }}\ncontrol.socket = "{tmp_path}/none"\n'
     service = run.RecorderService(config_of(devices + own, tmp_path / "probewatch.toml"), say=lambda _: None)
 

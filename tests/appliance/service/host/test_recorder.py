@@ -306,7 +306,7 @@ CONFIG = Config.model_validate(
     {
         "video": {"url": "sim:/x"},
         "tracker": {"url": "ndi:/x"},
-        "output": [{"url": "relay:/x"}],
+        "output": [{"url": "relay:/y"}],
         "calibration": {"file": "x"},
     }
 )
