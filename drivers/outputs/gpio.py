@@ -78,11 +78,15 @@ class GpioOutput(Closable):
         self.where = f"gpio:{path} line {line}"
         try:
             self._label = _label(path)
-            self._request = gpiod.request_lines(path, consumer=_CONSUMER, config=settings)
-        except (OSError, ValueError) as error:
-            if isinstance(error, OSError) and error.errno in _NO_CHIP:
+        except OSError as error:
+            # ENOENT for a file that is there: the kernel lists no such device, or /sys is not mounted.
+            if error.errno in _NO_CHIP or (error.errno == errno.ENOENT and Path(path).exists()):
                 remedy = "Correct the path: `probewatch devices` lists what is connected"
                 raise DeviceLost("is no GPIO chip", self.where, remedy) from error
+            raise self._refusal(error) from error
+        try:
+            self._request = gpiod.request_lines(path, consumer=_CONSUMER, config=settings)
+        except (OSError, ValueError) as error:
             raise self._refusal(error) from error
 
     def close(self) -> None:
