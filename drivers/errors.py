@@ -9,6 +9,8 @@ import os
 
 from probewatch.drivers.printable import LONGEST_TEXT, printable
 
+CORRECT_PATH = "Correct the path: `probewatch devices` lists what is connected"
+"""Remedy for a path that leads to something other than the device named."""
 EXHAUSTED = (errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.ENOBUFS)
 """Error numbers of a kernel that has run out of descriptors or memory; a second later there may be some again."""
 

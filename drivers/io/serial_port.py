@@ -6,7 +6,7 @@ from pathlib import Path
 
 import serial
 
-from probewatch.drivers.errors import DeviceLost
+from probewatch.drivers.errors import CORRECT_PATH, DeviceLost
 
 BITS_PER_BYTE = 10
 """Bits on the line for one byte, 8N1: a start bit, eight data bits, a stop bit."""
@@ -58,5 +58,5 @@ def _refusal(path: str, error: OSError) -> DeviceLost:
     if not Path(path).exists():
         return DeviceLost("no such serial port", path, "Plug the cable in, or correct the path in the configuration")
     if f"({errno.ENOTTY}," in str(error) or error.errno == errno.EISDIR:
-        return DeviceLost("is no serial port", path, "Correct the path: `probewatch devices` lists what is connected")
+        return DeviceLost("is no serial port", path, CORRECT_PATH)
     return DeviceLost(f"the serial port cannot be opened ({error})", path, "Check cable and adapter")

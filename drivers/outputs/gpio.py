@@ -17,7 +17,7 @@ from gpiod.line import Direction, Value
 from probewatch.drivers.clock.host_clock import HostClock
 from probewatch.drivers.closable import Closable
 from probewatch.drivers.device_api import Description
-from probewatch.drivers.errors import ConfigurationError, DeviceLost
+from probewatch.drivers.errors import CORRECT_PATH, ConfigurationError, DeviceLost
 from probewatch.drivers.outputs import GPIO
 from probewatch.drivers.outputs.contact_feedback import follows
 from probewatch.drivers.outputs.heartbeat import Heartbeat, heartbeat_from
@@ -25,7 +25,7 @@ from probewatch.drivers.printable import printable
 
 _CONSUMER = "probewatch"
 _NO_CHIP = (errno.ENODEV, errno.ENOTTY)
-"""What the kernel says when a file that is no GPIO chip is opened as one."""
+"""Error numbers of the kernel for opening a file that is no GPIO chip as one."""
 
 Line = int | str
 Settings = dict[Iterable[Line] | Line, gpiod.LineSettings | None]
@@ -81,8 +81,7 @@ class GpioOutput(Closable):
         except OSError as error:
             # ENOENT for a file that is there: the kernel lists no such device, or /sys is not mounted.
             if error.errno in _NO_CHIP or (error.errno == errno.ENOENT and Path(path).exists()):
-                remedy = "Correct the path: `probewatch devices` lists what is connected"
-                raise DeviceLost("is no GPIO chip", self.where, remedy) from error
+                raise DeviceLost("is no GPIO chip", self.where, CORRECT_PATH) from error
             raise self._refusal(error) from error
         try:
             self._request = gpiod.request_lines(path, consumer=_CONSUMER, config=settings)

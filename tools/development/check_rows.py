@@ -6,6 +6,14 @@ from probewatch.appliance.supervision.faults import FAULT_ROWS
 
 _BY_MOTION, _SHOWN = "the calibration in force, by motion", "when motion last showed it"
 _WAITS = "now, by the host's clock"
+
+
+def _of_axes(name: str, measured: str, unit: str) -> dict[str, tuple[str, str, str]]:
+    """Returns the rows of a parameter with a check for each axis of the picture; {axis} in `measured` is the axis."""
+    axes = ("lateral", "axial", "elevational")
+    return {f"{name}-{axis}": (measured.format(axis=axis), _BY_MOTION, unit) for axis in axes}
+
+
 _MEASURED: dict[str, tuple[str, str, str]] = {
     "polarity": ("mirrored axes of the picture", _BY_MOTION, "axes"),
     "picture-flip": ("mirrored axes of the picture, without motion", f"the picture {_SHOWN}", "axes"),
@@ -24,15 +32,9 @@ _MEASURED: dict[str, tuple[str, str, str]] = {
         "the calibration in force",
         "%",
     ),
-    **{
-        f"rotation-{axis}": (f"turn of the marker body about the {axis} axis of the picture", _BY_MOTION, "deg")
-        for axis in ("lateral", "axial", "elevational")
-    },
+    **_of_axes("rotation", "turn of the marker body about the {axis} axis of the picture", "deg"),
     "marker-turn": ("sum of the sudden turns of the marker body that the picture does not show", f"0 {_SHOWN}", "deg"),
-    **{
-        f"offset-{axis}": (f"shift of the marker body along the {axis} axis of the picture", _BY_MOTION, "mm")
-        for axis in ("lateral", "axial", "elevational")
-    },
+    **_of_axes("offset", "shift of the marker body along the {axis} axis of the picture", "mm"),
     "marker-shift": ("sum of the sudden shifts of the marker body that the picture does not show", f"0 {_SHOWN}", "mm"),
     "marker-elevational": ("the part of these shifts across the picture", f"0 {_SHOWN}", "mm"),
     "latency": ("delay of the poses after the pictures", "`latency_ms`, by motion", "ms"),

@@ -13,7 +13,7 @@ from probewatch.appliance.core.quality.report import Change, LineReport, report_
 from probewatch.appliance.types import Calibration, Check
 from probewatch.tools.shared.point_text import point_text
 from probewatch.tools.shared.profile_text import profile_text
-from probewatch.tools.shared.rerun import Comparison
+from probewatch.tools.shared.rerun import Comparison, why_unusable
 from probewatch.tools.shared.subject import Subject
 from probewatch.tools.shared.tables import NOTHING, FittingTable
 
@@ -34,9 +34,8 @@ class Outcome:
 
     @property
     def unusable_because(self) -> str:
-        """Returns why nothing at all can be judged, also nothing that was said live; empty where something can."""
-        found = self.comparison
-        return self.report.unusable_because if found is None or found.is_empty else ""
+        """Returns `why_unusable` of this recording."""
+        return why_unusable(self.report, self.comparison)
 
     def fields(self) -> dict[str, object]:
         """Returns the report's public contract; `black_box` is there for a black box judged by its own calibration."""

@@ -129,6 +129,11 @@ class Comparison:
         return ", ".join(why) or "recorded from amid its work on"
 
 
+def why_unusable(report: LineReport, live: Comparison | None) -> str:
+    """Returns why nothing at all can be judged, also nothing that was said live; empty where something can."""
+    return report.unusable_because if live is None or live.is_empty else ""
+
+
 class Rerun:
     """Runs a series through lines. line: the latest line, None before the first. settings: those of each line that was
     built.

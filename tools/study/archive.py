@@ -18,7 +18,7 @@ from probewatch.drivers.twins.faults import Schedule
 from probewatch.tools.shared.digest import files_sha256, files_state, with_pictures
 from probewatch.tools.shared.found_recordings import is_box
 from probewatch.tools.shared.recording_run import BlackBoxSession, Session, run, run_series
-from probewatch.tools.shared.rerun import Comparison
+from probewatch.tools.shared.rerun import Comparison, why_unusable
 from probewatch.tools.shared.tables import NOTHING, FittingTable
 from probewatch.tools.study.outcome import cell, closed_share
 from probewatch.tools.study.store import NotFetchedError, fetched, state_of
@@ -122,7 +122,7 @@ class ArchiveTask:
 
     def _said(self) -> dict[str, str]:
         report, changes, session, comparison = self._run()
-        why = report.unusable_because if comparison is None or comparison.is_empty else ""
+        why = why_unusable(report, comparison)
         start_ns, end_ns = session.overlap_ns
         duration_s = max(end_ns - start_ns, 0) / 1e9
         row = {

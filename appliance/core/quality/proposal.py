@@ -18,11 +18,13 @@ from probewatch.appliance.types import PARAMETERS, Calibration, Check, Fault, Ve
 
 RECOVERED = frozenset({*PARAMETERS[:3], "offset-lateral", "offset-axial"})
 """Parameters of X that motion recovers without a phantom."""
-
-
 LATENCIES_MS = (0.0, 500.0)
 """Bounds, ms, of latency_ms in the tracker's URL. Beyond them nothing that a URL states makes up for the latency."""
-NO_SUCH_LATENCY = "latency_ms takes 0 to 500 ms: check frame rate, stamps and whose calibration is in force"
+NO_SUCH_LATENCY = (
+    f"latency_ms takes {LATENCIES_MS[0]:g} to {LATENCIES_MS[1]:g} ms: "
+    "check frame rate, stamps and whose calibration is in force"
+)
+"""Clause of the proposal's text in place of a step that sets such a latency."""
 
 
 class Step(Enum):
