@@ -16,7 +16,7 @@ _SHARED = frozenset({"relay"})
 
 
 def refused(what: str, place: Place = ()) -> PydanticCustomError:
-    """Returns what pydantic collects. place: of the key that is told, where pydantic does not know it."""
+    """Returns an error for a validator to raise. place: of the key at fault, where it is not the one validated."""
     return PydanticCustomError("refused", "{what}", {"what": what, "place": place})
 
 

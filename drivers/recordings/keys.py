@@ -30,6 +30,7 @@ a heartbeat."""
 _FROM = (0, 1)
 """Numbers that the first frame may have: PLUS and 3D Slicer count from 0, MATLAB scripts from 1."""
 FRAME_KEY = re.compile(r"Seq_Frame([0-9]{1,9})_(\S+)")
+"""Key of one frame, as PLUS and 3D Slicer write it: number of the frame, name of the field."""
 _ORIENTATION_LETTERS = 2
 """Letters of an orientation that say how pictures lie; the third is of volumes, and may be left out."""
 _MOST_QUOTED = 40

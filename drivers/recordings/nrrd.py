@@ -51,8 +51,6 @@ hours at 20 Hz."""
 _CUT = "It is cut short; copy it again"
 _PLANAR_AXES = 3  # of SimpleITK: columns, rows, pictures
 _MOST_AXES = 4  # of PLUS and 3D Slicer: a third spatial axis of one plane
-
-
 _WITH_SPACE = ("data file", "byte skip", "line skip")
 """Fields that NRRD also spells without their space."""
 _OWN_WORDS = {

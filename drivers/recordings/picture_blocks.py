@@ -11,7 +11,7 @@ BLOCK_BYTES = 262_144
 """Bytes copied or unpacked at a time: a little less than a picture of 640 × 480. More takes memory, less takes calls.
 Not measured."""
 _WRONG_HEADER = "incorrect header check"
-"""What zlib says of data that another program, or none, has compressed."""
+"""Text of zlib's error for data that are not in its format."""
 _OTHERS = {b"\x1f": "gzip", b"\x78": "zlib"}
 """First byte of compressed data → what has compressed them."""
 

@@ -61,7 +61,7 @@ def open_now(pid: int) -> set[int]:
 
 
 def named(pid: int) -> dict[int, str]:
-    """What each number stands for; those that are closed meanwhile are left out."""
+    """The file behind each descriptor; those that are closed meanwhile are left out."""
     names = {}
     for number in sorted(open_now(pid)):
         with contextlib.suppress(FileNotFoundError):

@@ -1,4 +1,4 @@
-"""What is started with `python -m` under tests/ prints its help and does nothing."""
+"""The programs under tests/ that `python -m` starts print their help and do nothing else."""
 
 import subprocess
 import sys

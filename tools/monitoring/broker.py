@@ -15,6 +15,7 @@ _PORTS = {"mqtt": 1883, "mqtts": 8883}  # registered with IANA
 _OTHERS = stat.S_IROTH | stat.S_IWOTH
 _SECRET = re.compile(r"//[^/]*@")  # User and password in a URL.
 _LOCAL = ("localhost", "127.0.0.1", "::1")
+"""Names of this computer, to which a password may be sent without encryption."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -51,7 +51,7 @@ look alive; shorter asks more often for nothing."""
 _LOOK_S = 0.02
 """Seconds between two looks for a newer picture: a fifth of the time between two at ten a second."""
 TOKEN_COMMAND = "probewatch page --token"
-"""What a person types for a token of the page that the package starts, as the pages say it."""
+"""Command that gives a token of the page that the package starts. The files of the page contain it."""
 _MOST_DIGITS = 9
 """Digits of the number of a view. Python refuses to read more than 4300, which would be an error of this server."""
 

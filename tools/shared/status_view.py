@@ -198,7 +198,7 @@ def _prompt(status: Status) -> str:
     """Returns the motion that shows what is missing, or what must be done before motion can show anything."""
     gesture = status.get("gesture", ())
     if status["state"] == State.RECALIBRATING.value and not all(one in status["remedy"] for one in gesture):
-        return ""  # the scan goes on, and the remedy is said as the advice
+        return ""  # During the scan `_advice` returns the remedy.
     asked = gesture or (status["state"] == State.NOT_VERIFIED.value and status.get("reference_waits"))
     return shown(status["remedy"]) if status["fault"] in (None, Fault.UNDECIDED) and asked else ""
 

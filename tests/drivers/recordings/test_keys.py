@@ -43,7 +43,7 @@ CONTRADICTIONS = [
 def test_a_header_that_contradicts_itself_is_refused(
     tmp_path: Path, suffix: str, old: str, new: str, said: str
 ) -> None:
-    """Of two orientations one was taken without a word, and of a key that was given twice the last."""
+    """The reader used to take one of two orientations, and the last value of a doubled key, without a remark."""
     path = written(tmp_path / f"scan{suffix}", (old, new))
     with pytest.raises(RecordingError, match="which contradict one another") as told:
         read_sequence(path)

@@ -46,7 +46,7 @@ def test_it_says_the_same_as_a_metaimage(path: Path, tmp_path: Path) -> None:
 
 
 def test_keys_with_a_colon_alone_are_named(path: Path) -> None:
-    """It was told that no picture has a field of its own."""
+    """The error used to say that no picture has fields of its own."""
     path.write_bytes(path.read_bytes().replace(b":=", b": "))
     with pytest.raises(RecordingError, match=r"header line 'Seq_Frame0000_.* has ': ' after its key. Write ':='"):
         read_nrrd(path)

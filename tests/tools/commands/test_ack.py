@@ -41,7 +41,7 @@ def test_a_person_is_told_whether_there_is_anything_to_acknowledge(tmp_path: Pat
 def test_of_an_alarm_that_cannot_be_acknowledged_it_names_how_to_silence_it(
     tmp_path: Path, language: str, ends: str
 ) -> None:
-    """Of a lost device, which sounds until it is back, it said only that there was nothing to acknowledge."""
+    """A lost device sounds until it is back; `ack` used to say only that there is nothing to acknowledge."""
     lost = {"language": language, "state": "device lost", "priority": "high"}
     with _Refusing(tmp_path / "control", "not possible while device lost", lost) as service:
         answer = answered("ack", "--socket", service.path)
